@@ -6,7 +6,7 @@
 //! ```
 //! The numbers are recordings for each effect (and as many with none), and the seed. For an RGB-D folder the scene must have been
 //! learned without every 2nd image from the first on (`--hold-out N` for every Nth); without a file it is learned here, at half the
-//! size, and what its camera was found to be mounted by is saved beside it (SCENE.json). `--shared` tells what all images share,
+//! size, and what its camera was found to be mounted by is saved beside it (SCENE.json). `--shared` shows what all images share,
 //! `--width N` compares larger or smaller pictures.
 
 #[path = "../tests/it/footage/mod.rs"]

@@ -28,7 +28,7 @@ pub struct CameraEffect {
     of: Range<usize>,
     /// Values that are believed.
     pub range: [f64; 2],
-    /// What would tell it from the effects that look like it.
+    /// What would distinguish it from the effects that look like it.
     experiment: &'static str,
 }
 

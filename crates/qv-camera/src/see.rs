@@ -30,7 +30,7 @@ pub struct LookOptions<'a> {
     pub policy: Policy,
     /// Seed of the bootstrap.
     pub seed: u64,
-    /// Told of photographs done and all.
+    /// Reported of photographs done and all.
     pub progress: Option<&'a (dyn Fn(usize, usize) + Sync)>,
 }
 

@@ -39,7 +39,7 @@ const SEARCH_RANGE: [f64; 2] = [0.05, 1.0];
 pub struct Options<'a> {
     /// Parameters that are known already, such as those of a diagnosis.
     pub given: Vec<(String, f64)>,
-    /// Friction above which feet do not slip enough to tell it (the paper's 0.5): a label whose prior mean and posterior mean are both at
+    /// Friction above which feet do not slip enough to show it (the paper's 0.5): a label whose prior mean and posterior mean are both at
     /// least this keeps its prior, and one with such a prior is left out of the grid search unless feet are seen to slip on it.
     pub slip_threshold: f64,
     /// The one friction of the comparison.
@@ -52,7 +52,7 @@ pub struct Options<'a> {
     pub own_error: f64,
     /// Seconds since some instant.
     pub clock: Option<&'a (dyn Fn() -> f64 + Sync)>,
-    /// Told the share that is done.
+    /// Reported the share that is done.
     pub progress: Option<&'a (dyn Fn(f64) + Sync)>,
 }
 
@@ -222,7 +222,7 @@ impl<'a> Job<'a> {
         Ok(job)
     }
 
-    /// Tells that simulations of so many ticks have ended.
+    /// Reports that simulations of so many ticks have ended.
     fn notify(&self, ticks: usize) {
         let ended = self.ended.fetch_add(ticks, Ordering::Relaxed) + ticks;
         if let Some(progress) = self.options.progress {

@@ -51,7 +51,7 @@ pub struct Prior {
 }
 
 impl Prior {
-    /// A prior with mean and spread put within what friction can be; `source` tells if it was.
+    /// A prior with mean and spread put within what friction can be; `source` shows if it was.
     ///
     /// # Errors
     /// When a number is not finite or not above 0.

@@ -21,7 +21,7 @@ pub struct Options {
     pub rounds: usize,
     /// Dampings tried in each round, as shares of the curvature.
     pub dampings: Vec<f64>,
-    /// Shares of the undamped step that are tried beside them: dampings leave out what is weakly told, shares do not.
+    /// Shares of the undamped step that are tried beside them: dampings leave out what is weakly reported, shares do not.
     pub shares: Vec<f64>,
     /// A round that lowers the cost by less than this share of it is the last.
     pub fall: f64,
@@ -69,12 +69,12 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Standard deviations by the curvature alone; infinite where parameters are not told apart.
+    /// Standard deviations by the curvature alone; infinite where parameters are not distinguished.
     pub fn deviations(&self) -> Vec<f64> {
         self.slopes.posterior().map_or(vec![f64::INFINITY; self.values.len()], |c| deviations(&c))
     }
 
-    /// Standard deviations by how blocks differ; infinite where that cannot be told.
+    /// Standard deviations by how blocks differ; infinite where that cannot be reported.
     pub fn block_deviations(&self) -> Vec<f64> {
         self.slopes.sandwich().map_or(vec![f64::INFINITY; self.values.len()], |c| deviations(&c))
     }

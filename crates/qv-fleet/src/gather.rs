@@ -79,7 +79,7 @@ pub struct SizeOf {
     pub parameter: String,
     /// Unit of the values.
     pub unit: String,
-    /// How many units tell it.
+    /// How many units show it.
     pub units: usize,
     /// Mean, with what recordings differ by in its interval.
     pub mean: Estimate,

@@ -16,7 +16,7 @@ pub(crate) const SIDE: usize = 8;
 pub(crate) const VOXELS: usize = SIDE * SIDE * SIDE;
 /// Weight of an observation that is trusted fully, in units of a voxel's weight.
 const FULL: f32 = 256.0;
-/// A voxel far behind what a camera sees along the ray is not told by it, however close it is to the plane, in truncations.
+/// A voxel far behind what a camera sees along the ray is not reported by it, however close it is to the plane, in truncations.
 const BEHIND: f32 = 3.0;
 /// Memory of a block beside its voxels: pointer, key and entry of the table, bytes.
 const BLOCK_OVERHEAD: u64 = 64;

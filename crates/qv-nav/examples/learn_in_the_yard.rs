@@ -4,7 +4,7 @@
 //! - `scene=FILE,FILE`: reconstructions of the yard with boxes; `sown=[0.03,0.06]` or one number: its true surface, sown with Gaussians so many
 //!   metres apart (0.06 where neither is given). Each episode has one of all, evenly; tests have the first;
 //! - `eye=bare`: the collision geometry in flat colours instead, a training without a reconstruction;
-//! - `legs=ideal`: legs that do at once what they are told, a training without the residual; `legs=CHECKPOINT.bin`: a Go2 that walks in the
+//! - `legs=ideal`: legs that do at once what they are reported, a training without the residual; `legs=CHECKPOINT.bin`: a Go2 that walks in the
 //!   simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it;
 //! - `latency`, `strength`, `slip`: bounds of the [`Effects`] that legs suffer in training;
 //! - `camera`: `wide`, `none`, or the report.json of a diagnosis;
@@ -45,7 +45,7 @@ use yard_scene::Place;
 
 /// Height of a robot's base over the ground \[m\].
 const HEIGHT: f64 = 0.3;
-/// Seeds of the episodes that are tested, and of those whose fit is told: no training draws from them.
+/// Seeds of the episodes that are tested, and of those whose fit is reported: no training draws from them.
 const TESTED: u64 = 777;
 const HELD_OUT: u64 = 778;
 

@@ -94,7 +94,7 @@ fn sized<const N: usize>(name: &str, numbers: Option<Vec<f32>>) -> Result<[f32; 
     numbers.unwrap_or_default().try_into().map_err(wrong)
 }
 
-/// Two positive lengths, as the policy's file tells them.
+/// Two positive lengths, as the policy's file shows them.
 fn half_sides(result: &str) -> Result<DVec2, NavError> {
     let wrong = || NavError::value("policy.onnx, half_sides", "two positive lengths", format!("`{result}`"));
     let sides: Vec<f64> = result.split_whitespace().map(str::parse).collect::<Result<_, _>>().map_err(|_| wrong())?;

@@ -1,7 +1,7 @@
 //! The same view photographed and drawn, with a cone in both: what a network says of the one beside what it says of the other.
 //!
 //! A policy learns from pictures that are drawn, and walks by pictures that are taken. Photographs of the place that the reconstruction did not
-//! learn from tell whether that matters, before a robot walks. A cone that no photograph shows is laid into both pictures alike.
+//! learn from show whether that matters, before a robot walks. A cone that no photograph shows is laid into both pictures alike.
 
 use crate::NavError;
 use crate::eye::{Eye, Shot, SplatEye};

@@ -27,7 +27,7 @@ pub const RINGS: [f64; 9] = [0.25, 0.4, 0.55, 0.75, 1.0, 1.5, 2.2, 3.3, 5.0];
 pub const RECALL: usize = 2 * SECTORS * (RINGS.len() - 1) + 5 + 5 + 4;
 /// Bearing from one ray to the next \[rad\]; they lie evenly about straight ahead.
 pub const RAY_STEP: f64 = 0.08;
-/// Greatest distance that a ray can tell \[m\], and least.
+/// Greatest distance that a ray can determine \[m\], and least.
 pub const FARTHEST: f64 = 6.0;
 /// See [`FARTHEST`].
 pub const NEAREST: f64 = 0.05;

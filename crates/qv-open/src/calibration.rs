@@ -70,7 +70,7 @@ fn named_here(name: &str, catalogue: &[ParameterInfo], model: &Model) -> Paramet
         return ParameterTarget::Here(name.to_string());
     }
     let [kind, member, field] = name_parts(name)[..] else { return ParameterTarget::Unknown };
-    // The ground may have no material: nothing tells then whether the field exists.
+    // The ground may have no material: nothing shows then whether the field exists.
     let is_field = |p: &ParameterInfo| matches!(name_parts(&p.name)[..], [k, _, f] if k == kind && f == field);
     if !catalogue.iter().any(is_field) && (kind, field) != ("material", "friction") {
         return ParameterTarget::Unknown;

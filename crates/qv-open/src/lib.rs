@@ -1,7 +1,7 @@
 //! Recordings, robots and ground from files on disk: what the command line and Python share.
 //!
 //! [`open_run`] reads whatever a path is (a bag, a table, a dataset of another program), [`model_of`] finds the robot that
-//! was recorded, [`ground::terrain_of`] the ground. Nothing here prints; who waits is told how far reading is.
+//! was recorded, [`ground::terrain_of`] the ground. Nothing here prints; who waits is reported how far reading is.
 //!
 //! ```no_run
 //! use qv_open::{Reading, ground, model_of, open_run};

@@ -25,10 +25,10 @@ pub struct Reading {
     pub namespace: Option<String>,
 }
 
-/// Told the bytes that have been read and those there are.
+/// Reported the bytes that have been read and those there are.
 pub type ReadProgress<'a> = &'a dyn Fn(u64, u64);
 
-/// A source that tells how far its reading is.
+/// A source that shows how far its reading is.
 struct CountingReader<'a, R> {
     source: R,
     done: &'a Cell<u64>,
@@ -210,7 +210,7 @@ pub fn beyond_range(parameters: &[(String, f64)], model: &Model, terrain: &Terra
     parameters.iter().filter_map(outside).collect()
 }
 
-/// What is told of how a recording and its robot were read, a line each: nothing is lost by it.
+/// What is reported for how a recording and its robot were read, a line each: nothing is lost by it.
 pub fn remarks_of(run: &Run, model: &Model) -> Vec<String> {
     run.remarks.iter().chain(&model.remarks).cloned().collect()
 }

@@ -124,7 +124,7 @@ pub struct Board {
     pub link: String,
     /// Whether the shared axis is one of logarithms.
     pub log: bool,
-    /// Whether a click tells the page's own script a moment, by an event `qv-moment` of the document.
+    /// Whether a click shows the page's own script a moment, by an event `qv-moment` of the document.
     pub reports: bool,
     /// What can be chosen.
     pub choices: Vec<Choice>,

@@ -555,7 +555,7 @@ impl Ppo {
     }
 }
 
-/// Tells an error of the environment in which iteration it came.
+/// Reports an error of the environment in which iteration it came.
 fn stamp(error: PolicyError, iteration: u64) -> PolicyError {
     match error {
         PolicyError::NotFinite { term, found, .. } => PolicyError::NotFinite { iteration, term, found },

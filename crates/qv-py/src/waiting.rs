@@ -18,7 +18,7 @@ enum News<T> {
     Ended(PyResult<T>),
 }
 
-/// What the work tells of itself.
+/// What the work reports itself.
 pub struct Reporter<T> {
     news: Sender<News<T>>,
     stopped: Arc<AtomicBool>,

@@ -168,7 +168,7 @@ fn say_missing_commands(run: &Run, mapping: &Mapping, faults: &mut Vec<Fault>) {
     }
 }
 
-/// Gains of the mapping, or those that the torques tell, where no message has any.
+/// Gains of the mapping, or those that the torques show, where no message has any.
 fn add_gains(run: &mut Run, mapping: &Mapping) {
     let is_gain = |c: &ChannelFields| c.channel == Channel::CommandKp;
     if mapping.streams.iter().any(|s| s.messages.iter().any(|m| m.fields.iter().any(is_gain))) {

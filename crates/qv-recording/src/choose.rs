@@ -146,7 +146,7 @@ fn is_below(topic: &str, namespace: &str) -> bool {
 
 type States = (Option<usize>, String, Vec<String>, Vec<String>);
 
-/// The topic of the joint states, its namespace, those of other robots, and what is told of them.
+/// The topic of the joint states, its namespace, those of other robots, and what is reported for them.
 fn choose_states(collector: &Collector, states: usize, wanted: Option<&str>) -> Result<States, RecordingError> {
     let stream = &collector.mapping.streams[states];
     let all = collector.topics.iter().enumerate().filter(|(_, t)| t.stream.is_some_and(|(s, _)| s == states));

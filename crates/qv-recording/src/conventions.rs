@@ -1,7 +1,7 @@
 //! Signs, units and orders that are another convention's: each channel against what others say of the same motion.
 //!
 //! Joint velocities against derived ones, torques against the law of the actuators, the gyroscope and quaternions against each other,
-//! accelerations against gravity. Only what fits another convention well is told; a sensor that is merely bad is not. What can be read
+//! accelerations against gravity. Only what fits another convention well is reported; a sensor that is merely bad is not. What can be read
 //! in that convention is ([`read_in_ours`]), the rest is left out, and so are channels that lack too much.
 
 use crate::clean::median_interval;
@@ -17,7 +17,7 @@ use std::borrow::Cow;
 pub const FASTEST_BASE: f64 = 10.0;
 /// Correlation from which on two channels say the same.
 const SAME: f64 = 0.8;
-/// Share of the time with joint positions that a channel may lack: with more it costs more of the recording than it tells.
+/// Share of the time with joint positions that a channel may lack: with more it costs more of the recording than it shows.
 const MOST_LACKING: f64 = 0.5;
 /// Samples that are compared, at most.
 const MOST: usize = 4000;
@@ -418,7 +418,7 @@ fn too_fast(pose: &JointSeries) -> Option<(String, Reading)> {
     speeds.retain(|x| x.is_finite());
     speeds.sort_by(f64::total_cmp);
     let often = *speeds.get(3 * speeds.len() / 4)?;
-    // Only a height that a walking robot's trunk can have in one unit alone tells which.
+    // Only a height that a walking robot's trunk can have in one unit alone shows which.
     let mut heights: Vec<f64> = pose.column(2).filter(|z| z.is_finite()).collect();
     let height = median(&mut heights);
     let units = [("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)];

@@ -9,7 +9,7 @@ const EXPLAINED: f64 = 0.95;
 const LEAST: usize = 50;
 
 /// Fits `torque = kp (q_des - q) - kd dq` by least squares to each joint of a run that has commanded positions and measured
-/// torques and states no gains, and makes them the run's, where they explain 95 % of the torque of every joint. Tells either way.
+/// torques and states no gains, and makes them the run's, where they explain 95 % of the torque of every joint. Reports either way.
 pub(crate) fn from_torques(run: &mut Run) {
     let c = &run.commands;
     let states_gains = c.kp.is_some() || c.kd.is_some() || run.actuator.kp.is_some() || c.torque.is_some();

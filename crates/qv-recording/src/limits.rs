@@ -17,7 +17,7 @@ const SPAN: f64 = 0.02;
 /// How far beyond a limit a position is before it contradicts it \[rad, m\]: stops yield, and zeros of encoders are off by a degree.
 const BEYOND_STOP: [f64; 2] = [0.02, 0.002];
 
-/// Takes those limits on position, speed and torque from the joints of `model` that `run` went beyond, and tells of each: both
+/// Takes those limits on position, speed and torque from the joints of `model` that `run` went beyond, and reports each: both
 /// numbers.
 ///
 /// Positions that may be degrees contradict nothing. Speeds are slopes of the measured positions over 20 ms, so that no convention of another sensor counts. Torques are used

@@ -54,7 +54,7 @@ pub struct StreamMapping {
     pub preferred_topic: String,
     /// Whether no other topic will do.
     pub exact_topic: bool,
-    /// How else the names of its topics may end; with the preferred one they tell a robot's namespace.
+    /// How else the names of its topics may end; with the preferred one they show a robot's namespace.
     pub endings: Vec<String>,
     /// Whether topics with other endings are no such stream.
     pub only_endings: bool,

@@ -20,7 +20,7 @@ pub struct RobotFile {
     pub about: String,
     /// Its model.
     pub model: ModelSource,
-    /// Whether its messages tell that it is this robot; others with the same messages are asked for by name.
+    /// Whether its messages show that it is this robot; others with the same messages are asked for by name.
     pub found_by_messages: bool,
     /// What its messages mean.
     pub mapping: Mapping,
@@ -202,7 +202,7 @@ pub fn parse(file: &str, text: &str, beside: &Beside) -> Result<RobotFile, Recor
         below.extend(whole);
         whole = below;
     }
-    // Being like a robot that messages tell is not being told by them.
+    // Being like a robot that messages show is not being reported by them.
     whole.remove("found_by_messages");
     whole.extend(table);
     let own: File = whole

@@ -13,7 +13,7 @@ const SURELY: f64 = 3.0;
 const LEAST_SHARE: f64 = 0.4;
 /// Readings lie so many rows apart, or they are a matter of chance.
 const SLOWER: f64 = 1.5;
-/// Fewer rows of a joint that surely moves tell nothing.
+/// Fewer rows of a joint that surely moves show nothing.
 const LEAST_ROWS: usize = 20;
 
 /// The run with positions and velocities of joints that repeat a reading, while the joint moves, on a line between the readings; and in

@@ -1,4 +1,4 @@
-//! Gains that are not known, from the motion alone: a servo's register holds a number whose unit its maker does not tell.
+//! Gains that are not known, from the motion alone: a servo's register holds a number whose unit its maker does not show.
 //!
 //! Those are taken with which the simulator follows the recording best in windows (output error method; Ljung, System Identification,
 //! 1999, section 7.3). One value for all joints, since servos of one kind have one law.
@@ -27,7 +27,7 @@ const DEVIATIONS: f64 = 1.96;
 /// Gains that are tried: position gain \[N m/rad\] and velocity gain \[N m s/rad\].
 type Gains = [f64; 2];
 
-/// Finds gains that `run.toml` calls unknown, one value for all joints and all `runs`, which are of one robot, and makes them the runs'. Tells
+/// Finds gains that `run.toml` calls unknown, one value for all joints and all `runs`, which are of one robot, and makes them the runs'. Reports
 /// what was found. Does nothing where all gains are stated.
 ///
 /// # Errors

@@ -142,11 +142,11 @@ fn identify(replayer: &Replayer, is_held: impl Fn(usize) -> bool) -> Result<Lane
     Ok(lane_of(&fit.coordinates, &fit.point, 0, replayer.log.joints))
 }
 
-/// CPU time of this process \[s\]; 0 where the system does not tell it.
+/// CPU time of this process \[s\]; 0 where the system does not show it.
 fn cpu_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    // utime and stime in ticks, of which Linux tells 100 a second.
+    // utime and stime in ticks, of which Linux shows 100 a second.
     let ticks = |k: usize| fields.get(k).and_then(|x| x.parse::<f64>().ok()).unwrap_or(0.0);
     (ticks(11) + ticks(12)) / 100.0
 }

@@ -1,5 +1,5 @@
 //! Robots that no fit has seen: simulated with effects that are drawn and kept to themselves, in the second engine or ours at a finer step.
-//! They record walks as a robot would, with noise, and tell where a policy takes them.
+//! They record walks as a robot would, with noise, and show where a policy takes them.
 
 mod drawn;
 
@@ -122,7 +122,7 @@ pub struct Walk {
     pub run: Run,
 }
 
-/// What a walk is told.
+/// What a walk is reported.
 #[derive(Clone, Copy)]
 pub struct Order<'a> {
     /// Commands with the times at which they begin \[s\].

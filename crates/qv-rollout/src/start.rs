@@ -137,7 +137,7 @@ impl<'a> Starts<'a> {
         if let Some(poses) = &starts.poses {
             prepared.yaws = starts.yaws();
             prepared.path = starts.imu_path();
-            // Derived from the poses only where no IMU tells better: differentiating costs more than all else here.
+            // Derived from the poses only where no IMU shows better: differentiating costs more than all else here.
             if prepared.path.is_none() {
                 prepared.base_velocity = base_velocity(poses).map(|d| d.series);
             }
@@ -395,7 +395,7 @@ fn vector(
     DVec3::new(part(&at[0]), part(&at[1]), part(&at[2]))
 }
 
-/// A series, and what is a hole in it: an interval longer than five periods, which all of its stamps tell.
+/// A series, and what is a hole in it: an interval longer than five periods, which all of its stamps show.
 #[derive(Clone, Copy)]
 pub struct CoveredSeries<'a> {
     /// The series.

@@ -61,7 +61,7 @@ pub struct Batch<T: Precision> {
     values: Vec<f64>,
     loaded: Option<usize>,
     imu: Option<usize>,
-    /// Tells snapshots of another model or other options; found when the first is taken.
+    /// Reports snapshots of another model or other options; found when the first is taken.
     identity: OnceLock<u64>,
     /// Where lanes pass through on their way to others.
     passing: Vec<f64>,

@@ -1,5 +1,5 @@
 //! How depth from several photographs compares with depth that was measured: `stereo_depth CAPTURE [CAMERAS.json] [OPTION=VALUE ...]` forgets the depth
-//! of a capture, measures it from the photographs, and tells how far both are from each other. CAPTURE is a folder with `transforms.json` or of
+//! of a capture, measures it from the photographs, and shows how far both are from each other. CAPTURE is a folder with `transforms.json` or of
 //! RGB-D frames as 7-Scenes has them; CAMERAS.json, as `qv reconstruct --poses colmap` writes it, has other poses, for photographs whose lens does
 //! not distort.
 //! OPTION is a field of `StereoOptions`, `hold_out=N`, or `depths=DIR`: a capture with the measured depths is written there.

@@ -109,7 +109,7 @@ pub fn with_file(typed: Vec<OsString>, folder: &Path, root: &Command) -> Result<
     let table: Table = text.parse().map_err(|e| about(&file, format!("expected TOML, found {e}")))?;
     check(&table, root, "").map_err(|found| about(&file, found))?;
     let Some(called) = CommandChain::of(own, root) else { return none(typed, vec![]) };
-    // Paths are told as they are written where that is where one stands.
+    // Paths are reported as they are written where that is where one stands.
     let base = file.parent().filter(|base| *base != folder).map(Path::to_path_buf).unwrap_or_default();
     let (added, refused) = called.additions(&table, &base);
     let why = "it is taken from the command line alone";
@@ -197,7 +197,7 @@ struct CommandChain<'c> {
     commands: Vec<&'c Command>,
     /// Index of the word behind the name of the last one.
     end: usize,
-    /// Options that are there already, as they are told apart by.
+    /// Options that are there already, as they are distinguished by.
     typed: BTreeSet<&'c str>,
 }
 

@@ -21,7 +21,7 @@ pub struct Inspect {
     /// Least size of each effect that `qv diagnose` would find in it with 90 % power (takes some seconds)
     #[arg(long)]
     can_tell: bool,
-    /// Ground for --can-tell: plane, or a .glb file
+    /// Ground for --can-show: plane, or a .glb file
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", requires = "can_tell")]
     terrain: String,
 }
@@ -204,7 +204,7 @@ pub fn known(x: f64, digits: usize) -> String {
     if x.is_finite() { format!("{x:.digits$}") } else { "-".into() }
 }
 
-/// What is wrong, in at most about `most` lines; losses are all told.
+/// What is wrong, in at most about `most` lines; losses are all reported.
 fn findings(faults: &[Fault], lost: &[Loss], most: usize) -> String {
     if faults.is_empty() && lost.is_empty() {
         return "\nno gaps, no faults, nothing lost\n".into();

@@ -27,7 +27,7 @@ pub enum LockAttempt {
 }
 
 impl Lock {
-    /// Takes the lock on `path` if nobody has it. What a process left that died with it is told.
+    /// Takes the lock on `path` if nobody has it. What a process left that died with it is reported.
     ///
     /// # Errors
     /// The file cannot be made, or its file system has no locks.
@@ -141,7 +141,7 @@ impl Drop for Lock {
 
 /// How the text of a lock begins. One that ended well is empty.
 const BEGIN: &str = "process ";
-/// Longest text that is told of a lock \[characters\].
+/// Longest text that is reported for a lock \[characters\].
 const MOST: usize = 120;
 
 /// Who holds a lock, or held it, as the file says; empty where nobody does.

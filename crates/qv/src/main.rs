@@ -65,10 +65,10 @@ use terminal::{print_message, say};
 #[derive(Parser)]
 #[command(name = "qv", version, arg_required_else_help = true)]
 struct Cli {
-    /// Tells nothing but results, errors and what was lost
+    /// Reports nothing but results, errors and what was lost
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Tells how long each stage took
+    /// Reports how long each stage took
     #[arg(short, long, global = true)]
     verbose: bool,
     /// Takes no options from qv.toml
@@ -98,13 +98,13 @@ enum Command {
     /// Says what any file is, what of it is used, and what is missing for which command
     #[command(after_help = check::EXAMPLE)]
     Check(check::Check),
-    /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
+    /// Replays a recording in the simulator and shows how far the two are apart, joint by joint
     #[command(after_help = replay::EXAMPLE)]
     Replay(replay::Replay),
     /// Says where the gap between simulator and robot lies, which effect causes it, and how far it shrinks
     #[command(after_help = diagnose::EXAMPLE)]
     Diagnose(diagnose::Diagnose),
-    /// Which motion to record next, so that the causes that a diagnosis leaves open are told apart
+    /// Which motion to record next, so that the causes that a diagnosis leaves open are distinguished
     #[command(after_help = next::EXAMPLE)]
     Next(next::Next),
     /// Finds the friction of each material of a labelled ground from recordings of a robot that walked on it
@@ -151,7 +151,7 @@ enum Command {
     Fixture(fixture::Fixture),
 }
 
-/// A command line that cannot be followed, as it is told.
+/// A command line that cannot be followed, as it is reported.
 enum UsageError {
     Words(Box<clap::Error>, Option<String>),
     Config(Failure),

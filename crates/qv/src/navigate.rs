@@ -47,7 +47,7 @@ enum Command {
     Train(train::Train),
     /// Tests weights on drawn episodes, beside the teacher and a follower of coloured blobs: writes results as JSON
     Test(Test),
-    /// Says whether photographs of the place, with a cone laid into them, tell the policy the same as the drawn scene does: writes a page
+    /// Says whether photographs of the place, with a cone laid into them, show the policy the same as the drawn scene does: writes a page
     Look(look::Look),
     /// Makes one HTML file of the results of a test: shares, causes of failure, ways from above, what the policy saw
     Page(ToPage),

@@ -1,4 +1,4 @@
-//! `qv next`: the motion that would tell the causes apart that a recording leaves open, as commands that a robot can play.
+//! `qv next`: the motion that would distinguish the causes that a recording leaves open, as commands that a robot can play.
 
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{file_error, find_gains, model_of, open_run, parameters_of, write_error};
@@ -42,7 +42,7 @@ pub struct Next {
     /// What `qv diagnose --out` wrote of this recording; without it the recording is diagnosed first
     #[arg(long, value_name = "DIR")]
     diagnosis: Option<PathBuf>,
-    /// How many of the leading hypotheses are to be told apart
+    /// How many of the leading hypotheses are to be distinguished
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=8))]
     hypotheses: u8,
     /// Directory for the results; made if need be

@@ -1,4 +1,4 @@
-//! How far a command is, told on standard error: a bar where that is a terminal, a line a stage where it is not.
+//! How far a command is, reported on standard error: a bar where that is a terminal, a line a stage where it is not.
 
 use crate::terminal::{print_message, shown};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -7,10 +7,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Instant;
 
-/// How much is told beside results: it belongs to the process, as standard error does.
+/// How much is reported beside results: it belongs to the process, as standard error does.
 static LEVEL: AtomicU8 = AtomicU8::new(Level::Normal as u8);
 
-/// How much is told beside results, errors and losses.
+/// How much is reported beside results, errors and losses.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
     /// Nothing.
@@ -26,7 +26,7 @@ pub fn set(level: Level) {
     LEVEL.store(level as u8, Ordering::Relaxed);
 }
 
-/// Whether at least this much is told.
+/// Whether at least this much is reported.
 pub fn reports(level: Level) -> bool {
     LEVEL.load(Ordering::Relaxed) >= level as u8
 }
@@ -38,7 +38,7 @@ pub fn remark(what: &str) {
     }
 }
 
-/// Share of the work from which on the time left is told: before, it would be a guess.
+/// Share of the work from which on the time left is reported: before, it would be a guess.
 const TOLD_FROM: f64 = 0.03;
 
 /// The stages of a command that takes more than two seconds.

@@ -419,7 +419,7 @@ impl Reconstruct {
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
-    /// Training broke down: the best scene so far is written before that is told.
+    /// Training broke down: the best scene so far is written before that is reported.
     fn rescue(&self, best: Best, dataset: &Dataset, error: SplatError) -> Result<bool, Failure> {
         let Some(kept) = best.kept().filter(|_| !self.has_finished_scene()) else { return Err(error.into()) };
         self.save_scene(&kept.cloud, dataset)?;

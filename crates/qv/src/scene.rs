@@ -165,7 +165,7 @@ fn models_in(directory: &Path) -> Vec<PathBuf> {
     vec![]
 }
 
-/// The model with the most images, the first of several; the others are told.
+/// The model with the most images, the first of several; the others are reported.
 fn largest(directory: &Path, models: &[PathBuf]) -> Result<OpenCameras, Failure> {
     let mut read = vec![];
     let mut lost = vec![];

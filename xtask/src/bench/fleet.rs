@@ -18,7 +18,7 @@ pub struct Fleet {
     /// Recordings, each of which is a unit
     #[arg(long, default_value_t = 1000, value_name = "N")]
     units: usize,
-    /// Units at once; overhead is told for one processor
+    /// Units at once; overhead is reported for one processor
     #[arg(long, default_value_t = 1, value_name = "N")]
     jobs: usize,
     /// Length of each recording, in seconds

@@ -229,7 +229,7 @@ fn left_out_figures(single: &[&DiagnosisScore]) -> Vec<Figure> {
     ]
 }
 
-/// How well leaning to `unknown` tells effects outside the library (withheld, or left out) from those inside.
+/// How well leaning to `unknown` shows effects outside the library (withheld, or left out) from those inside.
 fn auroc_figure(single: &[&DiagnosisScore], pair: &[&DiagnosisScore], withheld: &[&DiagnosisScore]) -> Figure {
     let answered =
         |of: &[&DiagnosisScore]| of.iter().filter(|s| s.failure.is_none()).map(|s| s.leans).collect::<Vec<_>>();

@@ -136,7 +136,7 @@ impl Generator {
         Ok(Self { command: vec![python, folder.join(script)], options: Vec::new(), files })
     }
 
-    /// What tells its seeds from those of the other generators; nothing of rapier's, whose recordings are older.
+    /// What shows its seeds from those of the other generators; nothing of rapier's, whose recordings are older.
     fn words(&self) -> Vec<String> {
         self.command[1..].iter().filter_map(|file| Some(file.file_name()?.to_str()?.to_string())).collect()
     }

@@ -36,7 +36,7 @@ pub struct Dependence {
 /// The last of the factors.
 pub const TIME: &str = "time";
 const FACTORS: [&str; 4] = ["speed", "nearness to rest", "load", TIME];
-/// Windows from which a slope and its error are told.
+/// Windows from which a slope and its error are reported.
 const LEAST_WINDOWS: usize = 8;
 /// Speed below which a joint is nearly at rest, where friction fades fastest \[rad/s\].
 const SLOW: f64 = 1.0;
@@ -75,7 +75,7 @@ pub fn fading(
     let ask = |seen: &LinearisedWindow| {
         let weight = dot(&along, &times(&seen.h, &along));
         let change = dot(&along, &minus(&seen.nominal().b, &times(&seen.h, &deviations))) / weight;
-        // A robot that stands tells a force ten times as well as engines agree on it.
+        // A robot that stands shows a force ten times as well as engines agree on it.
         let weight = 1.0 / (1.0 / weight + columns.effects[effect].engine_error.powi(2));
         (weight > 0.0).then_some(JointDemand { change, weight, known: [0.0, 0.0, 0.0, seen.window.start] })
     };

@@ -6,7 +6,7 @@ use crate::findings::{RankedEffect, Verdict};
 
 /// Name of no effect in the ranking of the camera.
 pub const NONE: &str = "none";
-/// Most steps of `Policy::nats` that evidence counts: no more can be told apart.
+/// Most steps of `Policy::nats` that evidence counts: no more can be distinguished.
 const MOST_STEPS: f64 = 60.0;
 
 /// What the evidence of a camera comes to.

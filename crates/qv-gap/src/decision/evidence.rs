@@ -18,7 +18,7 @@ pub const FORMAT: &str = "qv-evidence/2";
 /// The format before, which lacks [`Evidence::report`]: it can be decided on, and not rendered.
 const BEFORE: &str = "qv-evidence/1";
 
-/// What an effect acts on, as far as decisions tell that apart.
+/// What an effect acts on, as far as decisions distinguish that.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ActsOn {
@@ -50,7 +50,7 @@ pub struct EffectFacts {
     /// Interface that it belongs to.
     #[serde(default)]
     pub interface: String,
-    /// What would tell it from the effects that look like it.
+    /// What would distinguish it from the effects that look like it.
     #[serde(default)]
     pub experiment: String,
 }
@@ -64,7 +64,7 @@ pub struct HeldOut {
     pub fall: [f64; 2],
     /// The same of the logarithm of the loss.
     pub fall_of_logarithm: [f64; 2],
-    /// The same of pieces of windows, where these told the candidate.
+    /// The same of pieces of windows, where these reported the candidate.
     pub fall_of_pieces: Option<[f64; 2]>,
     /// What the law of those actuators leaves that it changes, in units of the null, before and after.
     pub actuator_residual: [f64; 2],
@@ -313,7 +313,7 @@ pub struct CameraEvidence {
     pub noise: Noise,
     /// Whether the scene is of another place, or lies off the frame of the poses.
     pub is_scene_off: bool,
-    /// What cannot be told.
+    /// What cannot be reported.
     pub cannot_tell: Vec<String>,
 }
 

@@ -265,7 +265,7 @@ fn nothing_steady_is_accused_of_an_arm_that_is_nearer_than_the_null() {
     };
     assert_eq!(arm(9.0, None), Verdict::Explained);
     assert_eq!(arm(0.71, None), Verdict::NoGap);
-    // A push may be short: it is told all the same.
+    // A push may be short: it is reported all the same.
     assert_ne!(arm(3.0, Some(Extent::Time([1.0, 1.4]))), Verdict::NoGap);
 }
 

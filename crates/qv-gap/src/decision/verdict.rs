@@ -27,7 +27,7 @@ pub struct Decision {
 }
 
 impl Decision {
-    /// Whether what was accused is told as the cause.
+    /// Whether what was accused is reported as the cause.
     pub fn accuses(&self) -> bool {
         matches!(self.verdict, Verdict::Explained | Verdict::PartlyExplained)
     }
@@ -178,7 +178,7 @@ impl Case<'_> {
     }
 
     /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess. What
-    /// pushed an arm at one time is told whatever the arm lacks at all others.
+    /// pushed an arm at one time is reported whatever the arm lacks at all others.
     fn partly(&self) -> Verdict {
         let policy = self.policy;
         let now = self.level().ratio;
@@ -201,7 +201,7 @@ impl Case<'_> {
         }
     }
 
-    /// Level up to which causes are told beside something unknown. No stumble leaves a level of its own in a robot that is held, but what its
+    /// Level up to which causes are reported beside something unknown. No stumble leaves a level of its own in a robot that is held, but what its
     /// joints lack does.
     fn most_beside(&self) -> f64 {
         if self.evidence.is_free { self.policy.unexplained_beside } else { self.policy.quiet_enough }
@@ -259,7 +259,7 @@ impl Case<'_> {
         let rest = ((known - largest).max(0.0) / others.max(1e-300)).min(1.0);
         ranking.iter_mut().filter(|r| !is_accused(r)).for_each(|r| r.probability *= rest);
         ranking.push(RankedEffect { effect: UNKNOWN.into(), probability: unknown });
-        // Thousands of nats below the best all probabilities are 0, and evidence still tells.
+        // Thousands of nats below the best all probabilities are 0, and evidence still shows.
         let evidence = |r: &RankedEffect| best.get(r.effect.as_str()).copied().unwrap_or(f64::NEG_INFINITY);
         ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(evidence(b).total_cmp(&evidence(a))));
         ranking

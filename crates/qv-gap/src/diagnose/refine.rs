@@ -12,7 +12,7 @@ const LEAST_GAIN: f64 = 8.0;
 
 impl Findings<'_> {
     /// Moves the accused size that the corrected robot of `study` asks most to be moved, of those that were not yet: two that imitate each
-    /// other would go on along what neither is told by. Returns whether there is one.
+    /// other would go on along what neither is given by. Returns whether there is one.
     pub(super) fn refine(&mut self, study: &mut LinearisedProblem) -> Result<bool, GapError> {
         let steady = self.accused.iter().enumerate().filter(|(_, a)| a.fit.suspect.extent.is_none() && !a.is_refined);
         let groups: Vec<(usize, usize)> = steady.filter_map(|(k, a)| Some((k, a.group_in(study)?))).collect();

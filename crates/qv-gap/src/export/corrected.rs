@@ -81,7 +81,7 @@ impl<'a> ModelCorrections<'a> {
         self.value(CorrectionTarget::World, name)
     }
 
-    /// Whether any correction changes the mass properties of a link. Another length moves shapes and joints as well: it is told as a whole, in words.
+    /// Whether any correction changes the mass properties of a link. Another length moves shapes and joints as well: it is reported as a whole, in words.
     pub fn changes_link(&self, link: usize) -> bool {
         self.entries.iter().any(|e| e.part == CorrectionTarget::Link(link) && e.field != "length_scale")
     }

@@ -100,7 +100,7 @@ fn leads(leads: &[Lead]) -> String {
     text + "</div>"
 }
 
-/// What to do next beside what cannot be told.
+/// What to do next beside what cannot be reported.
 fn sentences(report: &Report) -> String {
     let list = |title: &str, sentences: &[String], tag: &str| {
         if sentences.is_empty() {

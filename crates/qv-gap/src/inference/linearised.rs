@@ -107,7 +107,7 @@ pub struct LinearisedProblem<'a> {
     pub ablated: Vec<usize>,
     /// Joints that are at rest on average over the windows (indices, in the order of the model).
     pub at_rest: Vec<usize>,
-    /// How far each joint is behind the simulated one \[s\], shape `[joints]`, by the first recording that tells; `None` where none does.
+    /// How far each joint is behind the simulated one \[s\], shape `[joints]`, by the first recording that shows; `None` where none does.
     pub lags: Vec<Option<f64>>,
     /// Mean square of residuals of noise and numerics alone.
     pub floor: f64,
@@ -151,14 +151,14 @@ impl<'a> LinearisedProblem<'a> {
             is_relative: !reference.is_empty(),
         };
         study.tolerance = study.tolerances();
-        // More recordings share the windows that one has, down to a number that still tells something.
+        // More recordings share the windows that one has, down to a number that still shows something.
         study.rollout.cut.most = (study.rollout.cut.most / runs.len().max(1)).max(24).min(study.rollout.cut.most);
         let pool = study.pool(reference)?;
         for (index, run) in runs.iter().enumerate() {
             study.add(run, index, &pool, effort)?;
         }
         study.floor /= runs.len().max(1) as f64;
-        // The first recording in which joints move enough to tell.
+        // The first recording in which joints move enough to show.
         for run in runs {
             study.lags = joint_lags(&study.rollout, run)?;
             if study.lags.iter().any(Option::is_some) {

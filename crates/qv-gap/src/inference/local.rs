@@ -22,7 +22,7 @@ use rayon::prelude::*;
 const FRICTIONS: [f64; 6] = [0.6, 0.45, 0.32, 0.22, 0.14, 0.08];
 /// Log evidence of a scan below which the simulator is not asked.
 const WORTH_A_LOOK: f64 = 12.0;
-/// Log evidence in whole windows that a region needs to be told: ground on which feet slip has thousands, what a search finds where there is
+/// Log evidence in whole windows that a region needs to be reported: ground on which feet slip has thousands, what a search finds where there is
 /// none seldom as much, and to ask pieces of windows takes as long as all else.
 const LEAST_REGIONAL: f64 = 30.0;
 /// Most that one window counts in a scan for regions: a foot that landed elsewhere outweighs all others otherwise.
@@ -352,7 +352,7 @@ impl Search<'_, '_> {
         let regional = matches!(suspect.extent, Some(Extent::Region(_)));
         let dispersion = if regional { 1.0 } else { self.dispersion };
         let evidence = 0.5 * (before - loss) / dispersion + volume;
-        // Told on the scale of the other fits.
+        // Reported on the scale of the other fits.
         let loss = base.loss - (before - loss);
         Fit { suspect, deviations, scatter: Vec::new(), loss, evidence, held_out: None }
     }

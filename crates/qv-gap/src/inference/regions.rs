@@ -1,4 +1,4 @@
-//! Rectangles of the ground: where a search for them begins, by what each window gains there, and what feet tell of their edges.
+//! Rectangles of the ground: where a search for them begins, by what each window gains there, and what feet report their edges.
 
 use crate::inference::linearised::LinearisedProblem;
 use crate::problem::columns::{Extent, Suspect};

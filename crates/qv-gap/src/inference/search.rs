@@ -70,7 +70,7 @@ pub struct Fit {
     pub loss: f64,
     /// Log evidence over that of no effect, divided by the dispersion.
     pub evidence: f64,
-    /// Fall of the loss in windows that no fit has seen, where pieces of windows told it.
+    /// Fall of the loss in windows that no fit has seen, where pieces of windows reported it.
     pub held_out: Option<Fall>,
 }
 
@@ -173,7 +173,7 @@ impl<'s, 'a> Search<'s, 'a> {
         Ok(fits)
     }
 
-    /// Looks round the value of a fit of one axis for as long as that gains, and tells whether it moved. A latency needs it: commands
+    /// Looks round the value of a fit of one axis for as long as that gains, and shows whether it moved. A latency needs it: commands
     /// are held, so that the loss jumps wherever the latency passes a whole tick, and a slope says little of what lies behind.
     fn polish(&mut self, base: &Base, fit: &mut Fit, here: &mut Residuals) -> Result<bool, GapError> {
         let [value] = fit.suspect.values[..] else { return Ok(false) };
@@ -248,7 +248,7 @@ impl<'s, 'a> Search<'s, 'a> {
         found
     }
 
-    /// The most telling groups of each effect.
+    /// The most reporting groups of each effect.
     fn candidates(&self, base: &Base, without: &[usize]) -> Vec<Suspect> {
         let mut linear = self.linear(&base.sums);
         linear.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -282,12 +282,12 @@ impl<'s, 'a> Search<'s, 'a> {
             return None;
         }
         let mut lags: Vec<f64> = group.members.iter().filter_map(|&joint| *self.study.lags.get(joint)?).collect();
-        // What the simulator was asked at is told by its slope there.
+        // What the simulator was asked at is given by its slope there.
         let least = self.columns().effects[group.effect].levels[0];
         (!lags.is_empty()).then(|| median(&mut lags)).filter(|lag| *lag >= least)
     }
 
-    /// Whether an effect makes joints late: in what they are told, in what they do, or in what they report.
+    /// Whether an effect makes joints late: in what they are reported, in what they do, or in what they report.
     fn is_delay(&self, effect: usize) -> bool {
         use JointField::{CommandLatency, EncoderLatency, Lag};
         let of = &self.columns().effects[effect];

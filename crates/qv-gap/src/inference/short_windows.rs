@@ -191,7 +191,7 @@ impl Pieces<'_, '_, '_> {
         Ok(at)
     }
 
-    /// The region with its edges where feet tell them, if that is no worse. Ground that the robot never left has none.
+    /// The region with its edges where feet show them, if that is no worse. Ground that the robot never left has none.
     fn between_feet(&self, all: &[Window], mu: f64, region: [f64; 4]) -> Result<Outline, GapError> {
         let found = Outline { region, deviations: [LAST_STEP; 4] };
         if never_left(self.search.study, &self.feet, region) {

@@ -17,7 +17,7 @@ use qv_rollout::{Overrides, Rollout, Window};
 
 /// Rounds of Gauss-Newton.
 const ROUNDS: usize = 6;
-/// Shares of a step that are tried beside the whole one: what actuators do is weakly told apart, and dampings would leave that out.
+/// Shares of a step that are tried beside the whole one: what actuators do is weakly distinguished, and dampings would leave that out.
 const SHARES: [f64; 3] = [0.5, 0.2, 0.05];
 /// Loss of each number of a window that ran away.
 const RAN_AWAY: f64 = 5.0;

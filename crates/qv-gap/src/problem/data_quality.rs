@@ -7,7 +7,7 @@ use qv_rollout::features::rotation_at;
 
 /// A trunk tilted by more than this lies on the ground \[rad\].
 const FALLEN: f64 = 1.0;
-/// Samples on end whose lack is told.
+/// Samples on end whose lack is reported.
 const MANY: usize = 50;
 
 /// What is broken in the recordings; `mended` are the same without what stood still for a part of the time.

@@ -3,7 +3,7 @@
 use crate::GapError;
 use qv_recording::Run;
 
-/// Looks whether all runs are of one robot: columns are told by their place.
+/// Looks whether all runs are of one robot: columns are given by their place.
 ///
 /// # Errors
 /// Names the first run that has other joints, or another base.

@@ -11,7 +11,7 @@ const ROWS: usize = 4000;
 const ONE_OF: usize = 500;
 
 /// Largest torque of each joint: measured, or what its commands asked of it where torques were not measured \[N m\], shape `[joints]`; 0 where
-/// nothing tells.
+/// nothing shows.
 pub fn largest_torques(rollout: &Rollout, run: &Run) -> Vec<f64> {
     match &run.measured.torque {
         Some(torque) => rollout.columns.iter().map(|&c| largest(torque.column(c))).collect(),

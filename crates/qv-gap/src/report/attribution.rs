@@ -21,7 +21,7 @@ use qv_sim::Shape;
 const ON_THE_GROUND: f64 = 0.006;
 /// Edge of a cell of the floor \[m\].
 const CELL: f64 = 0.5;
-/// Share of the gap from which a cell is told.
+/// Share of the gap from which a cell is reported.
 const WORTH_TELLING: f64 = 0.08;
 
 /// Shares of the nominal simulator's gap. Interfaces and found regions are filled in later.

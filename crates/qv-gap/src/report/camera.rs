@@ -20,7 +20,7 @@ impl Sight {
 /// Adds what the camera says to what the rest of the robot says.
 ///
 /// Each keeps its causes and their probabilities; the verdict is that of both, and `where` has the camera's share of what both exceed their
-/// null by. The gap that is told is that of the robot, or the camera's when the robot has none.
+/// null by. The gap that is reported is that of the robot, or the camera's when the robot has none.
 pub fn join(report: &mut Report, sight: Sight) {
     let robot = if report.verdict == Verdict::NoGap { 0.0 } else { (report.gap.before - report.gap.floor).max(1e-3) };
     let camera = if sight.verdict == Verdict::NoGap { 0.0 } else { (sight.level[0] - 1.0).max(1e-3) };

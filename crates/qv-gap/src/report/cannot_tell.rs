@@ -1,4 +1,4 @@
-//! What a recording cannot tell, and why: channels that it lacks, effects that it does not excite or that look alike in it.
+//! What a recording cannot determine, and why: channels that it lacks, effects that it does not excite or that look alike in it.
 
 use super::narrative::one_without_poses;
 use crate::inference::linearised::LinearisedProblem;

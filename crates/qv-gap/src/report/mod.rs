@@ -86,7 +86,7 @@ pub struct Report {
     pub visual: Option<Sight>,
     /// What is left.
     pub unexplained: Remainder,
-    /// What cannot be told from this recording, and why.
+    /// What cannot be distinguished from this recording, and why.
     pub cannot_tell: Vec<String>,
     /// What to do next.
     pub next: Vec<String>,
@@ -144,6 +144,6 @@ pub struct Sight {
     pub shared: Vec<ParameterEstimate>,
     /// Scatter.
     pub noise: Noise,
-    /// What cannot be told.
+    /// What cannot be reported.
     pub cannot_tell: Vec<String>,
 }

@@ -9,7 +9,7 @@ use crate::report::{
 };
 use qv_page::significant;
 
-/// Effects that nothing tells from each other where the base goes as its legs say: a tilted IMU walks on a slope, and a foot that slips or
+/// Effects that nothing shows from each other where the base goes as its legs say: a tilted IMU walks on a slope, and a foot that slips or
 /// bounces makes a start that is wrong.
 const ONE_WITHOUT_POSES: [&[&str]; 2] =
     [&["imu_tilt", "terrain_slope"], &["ground_friction", "contact_restitution", "contact_compliance"]];

@@ -12,7 +12,7 @@ use qv_fit::{Cholesky, Matrix};
 
 /// Parts that windows are dealt to: each is foretold from the others.
 const FOLDS: usize = 4;
-/// A factor that foretells less than this is not told.
+/// A factor that foretells less than this is not reported.
 const LEAST: f64 = 0.05;
 
 /// A factor: a name and columns of a regression from what is known of a joint in a window.

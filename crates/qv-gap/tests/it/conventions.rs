@@ -31,7 +31,7 @@ fn remarks(run: &mut Run) -> Vec<(String, String)> {
     foreign.map(|f| (f.channel.clone(), f.detail.clone())).collect()
 }
 
-/// Channel, what is told of it, and how it comes to be so.
+/// Channel, what is reported for it, and how it comes to be so.
 type Case = (&'static str, &'static str, fn(&mut Run));
 
 #[test]

@@ -1,5 +1,5 @@
 //! Depth where photographs say nothing: walls and fronts of one colour, floors without texture, and what shines. There the depth that was
-//! learned bends behind the surface, all frames agree on it, and no comparison of photographs tells.
+//! learned bends behind the surface, all frames agree on it, and no comparison of photographs shows.
 //!
 //! Man-made places are flat where they are plain. So planes are found in what has texture (`find`), photographs are cut into regions
 //! of one colour (`segments`), and each region whose rim and inside lie on a plane all round is laid on that plane (`assign`): between

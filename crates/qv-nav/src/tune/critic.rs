@@ -12,7 +12,7 @@ use qv_policy::adam::Adam;
 use qv_policy::net::{Mlp, Tape, padded};
 use serde::{Deserialize, Serialize};
 
-/// Numbers that a value is told from.
+/// Numbers that a value is determined from.
 const FEATURES: usize = 12;
 const HIDDEN: usize = 64;
 /// Decisions in a step of the critic's optimiser, times that it learns from a round, its rate, and the longest gradient.

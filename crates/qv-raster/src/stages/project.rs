@@ -111,7 +111,7 @@ fn project_one(
     let colour = colour.as_ref();
     let features = if settings.outputs.features { scene.cloud.features_of(splat) } else { &[] };
     let all = record.mean.iter().chain(&record.factor).chain(colour).chain(features);
-    // A direction cannot be told of a centre whose square overflows.
+    // A direction cannot be reported for a centre whose square overflows.
     let sum = all.map(|x| x.abs()).sum::<f32>() + record.opacity + shape.centre.length_squared();
     if !sum.is_finite() || record.factor[0] <= 0.0 || record.factor[2] <= 0.0 {
         return None;

@@ -130,7 +130,7 @@ impl Settings {
         }
     }
 
-    /// What is said where nothing tells the unit.
+    /// What is said where nothing shows the unit.
     #[cfg(feature = "parquet")]
     pub(crate) fn unit_remarks(&self) -> Option<String> {
         let is_known = self.unit.is_some() || !self.joint.is_empty();

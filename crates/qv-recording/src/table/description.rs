@@ -70,7 +70,7 @@ struct JointTable {
     tau_max: Option<f64>,
     servo: Option<String>,
     friction_model: Option<String>,
-    /// Those of `qv_sim::servos::KEYS`; others are told as unknown.
+    /// Those of `qv_sim::servos::KEYS`; others are reported as unknown.
     #[serde(flatten)]
     more: BTreeMap<String, toml::Value>,
 }

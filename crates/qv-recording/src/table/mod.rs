@@ -24,7 +24,7 @@ pub(crate) use dialect::unit_of_time;
 /// robot that it names, for the order and limits of its joints. Blank cells are "not measured". The text may be an MJCF's; how an
 /// IMU is mounted is read from a URDF alone then, and left to the caller ([`states_imu`], [`imu::to_trunk`]).
 ///
-/// Separators (`,` `;` tab `|`), decimal commas and the unit of time are found by looking, and told.
+/// Separators (`,` `;` tab `|`), decimal commas and the unit of time are found by looking, and reported.
 ///
 /// # Errors
 /// No `time` column, no position column, no row, an unknown word in `run.toml`. Bad cells and rows, and unknown

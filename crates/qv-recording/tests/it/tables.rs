@@ -55,7 +55,7 @@ fn dialects_give_the_run_of_the_plain_table() {
     };
     let line_ends = |end: &str| plain.lines().map(|l| format!("{l}{end}\n")).collect::<String>();
     let rows_alone = plain.replacen('\n', "\r", 1).replace('\n', ",\n").replacen('\r', "\n", 1);
-    // What, the table, words of what is told.
+    // What, the table, words of what is reported.
     let quoted = |line: &str| line.split(',').map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(",");
     let header = plain.lines().next().unwrap();
     let cases: [(&str, String, &[&str]); 22] = [
@@ -268,7 +268,7 @@ fn an_imu_at_any_angle_is_turned_into_the_trunk_once() {
             "3.141592653589793 0 3.141592653589793",
             "attitude and gyroscope and acceleration are in the trunk's",
         ),
-        // Gravity does not tell these two apart; the poses do.
+        // Gravity does not distinguish these two; the poses do.
         (
             "a quarter turn, in the trunk's axes",
             upright,

@@ -25,7 +25,7 @@ struct Walks {
 /// Makes the commands of scores others than those of the choice of iterations.
 const SCORING: u64 = 0x5c0e;
 
-/// Makes the commands of what is told others than those of the choice of policies.
+/// Makes the commands of what is reported others than those of the choice of policies.
 const TELLING: u64 = 0xa9a1;
 
 impl ScoredWalks {
@@ -46,7 +46,7 @@ impl ScoredWalks {
         score(policy, &mut self.task, &self.choosing.commands, self.choosing.seed)
     }
 
-    /// A score to tell: the best of several is so by chance, too, and these walks did not choose it.
+    /// A score to show: the best of several is so by chance, too, and these walks did not choose it.
     pub fn remarks(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {
         score(policy, &mut self.task, &self.reporting.commands, self.reporting.seed)
     }

@@ -357,7 +357,7 @@ fn off(error: f64) -> String {
     format!("joints off by {:.1} mrad", 1e3 * error)
 }
 
-/// Tells of the rounds of a net: one along the recordings, and `rounds` more.
+/// Reports the rounds of a net: one along the recordings, and `rounds` more.
 fn progress<'a>(notify: &'a mut dyn FnMut(Event), rounds: usize) -> impl FnMut(&supervised::Round) + 'a {
     let mut done = 0.0;
     move |round| {

@@ -60,7 +60,7 @@ impl<'a> Stage<'a> {
         SimulatedStates { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets: &self.asked }
     }
 
-    /// Reads the recorded targets of a physics step; `at` tells each lane's place.
+    /// Reads the recorded targets of a physics step; `at` shows each lane's place.
     pub fn ask(&mut self, substep: usize, at: impl Fn(usize) -> Window) {
         for (env, asked) in self.asked.chunks_exact_mut(self.replayer.log.joints).enumerate() {
             asked.copy_from_slice(self.replayer.targets(at(env), substep));

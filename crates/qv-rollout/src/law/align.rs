@@ -45,7 +45,7 @@ pub fn align(rollout: &Rollout, windows: &[&Window]) -> Alignment {
             least.iter_mut().zip(&losses[&offsets]).for_each(|(least, loss)| *least = least.min(cost * loss));
         }
         let loss: f64 = least.iter().filter(|x| x.is_finite()).sum();
-        // The first of equals: none where there is nothing to tell them apart.
+        // The first of equals: none where there is nothing to distinguish them.
         if best.is_none_or(|(least, _)| loss < 0.98 * least) {
             let [command, state] = halves.map(|h| 0.5 * h as f64 * tick);
             best = Some((loss, Alignment { command, state }));

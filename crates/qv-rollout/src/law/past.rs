@@ -32,7 +32,7 @@ pub fn lagged(rollout: &Rollout, start: &Start, setting: &Overrides, timestep: f
     let mut torques = vec![0.0; joints];
     for age in (1..=(REMEMBERED * longest / timestep).ceil() as usize).rev() {
         let time = start.time - age as f64 * timestep;
-        // Most motors are late by the same time: they are told the same.
+        // Most motors are late by the same time: they are reported the same.
         let mut remarks = f64::NAN;
         for (motor, (lag, play)) in motors.iter().zip(&mut lags) {
             if remarks != motor.latency {
@@ -52,8 +52,8 @@ pub fn lagged(rollout: &Rollout, start: &Start, setting: &Overrides, timestep: f
 }
 
 /// How far the encoders of motors behind springs are ahead of their joints at a `time` near a window \[rad\], shape `[joints]`; `None` where there
-/// are no springs, or nothing says what the motors were asked for. `seen` is the state there, as the encoders tell it but for their bias: what a
-/// motor gives is told by what its own encoder says. A lag is taken to have settled.
+/// are no springs, or nothing says what the motors were asked for. `seen` is the state there, as the encoders show it but for their bias: what a
+/// motor gives is given by what its own encoder says. A lag is taken to have settled.
 pub fn leads(
     rollout: &Rollout,
     start: &Start,

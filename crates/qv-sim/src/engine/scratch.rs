@@ -1,4 +1,4 @@
-//! What Newton's method is told, and the vectors that it works with.
+//! What Newton's method is reported, and the vectors that it works with.
 
 use super::array::Array;
 use super::rows::ActsOn;

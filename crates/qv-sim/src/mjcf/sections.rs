@@ -80,7 +80,7 @@ pub(super) fn left_out(tree: &Tree, reader: &mut Reader) {
     }
 }
 
-/// Tells of the settings of `<option>`, which are the caller's here. Returns the time step \[s\].
+/// Reports the settings of `<option>`, which are the caller's here. Returns the time step \[s\].
 pub(super) fn option(tree: &Tree, reader: &mut Reader) -> Result<Option<f64>, SimError> {
     let mut timestep = None;
     for section in tree.sections("option") {

@@ -27,7 +27,7 @@ pub struct ModelOptions<'a> {
 
 impl Model {
     /// Reads any URDF tree. Links behind fixed joints merge into the link that carries them; only then are masses and
-    /// inertias judged. What cannot be as the file says is told in [`Model::remarks`].
+    /// inertias judged. What cannot be as the file says is reported in [`Model::remarks`].
     ///
     /// A `floating` joint below the root, with fixed joints alone between them, leads to the free base: what the root carries
     /// beside it is the world.
@@ -380,7 +380,7 @@ fn hull(points: &[DVec3]) -> Result<Vec<DVec3>, String> {
     Ok(hull)
 }
 
-/// What is told of links whose inertias no body can have.
+/// What is reported for links whose inertias no body can have.
 fn remarks_of(members: &[&LinkElement], carrier: &str, how: &str) -> String {
     let one = |link: &&LinkElement| {
         let [a, b, c] = link.inertial.map_or([0.0; 3], |i| principal_moments(&matrix(&i.inertia)));

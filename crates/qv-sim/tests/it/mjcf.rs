@@ -1,4 +1,4 @@
-//! MJCF files as models: against MuJoCo (`fixtures/mjcf`), what is told, what is refused.
+//! MJCF files as models: against MuJoCo (`fixtures/mjcf`), what is reported, what is refused.
 
 use crate::against_mujoco::compare;
 use crate::facts::States;

@@ -4,7 +4,7 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 use std::io::{BufRead, Seek};
 
-/// Which image the cameras of a capture are of, where EXIF tells a viewer to turn it.
+/// Which image the cameras of a capture are of, where EXIF shows a viewer to turn it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ImageOrientation {
     /// The one that a viewer shows, unless only the stored one has the camera's size.
@@ -55,13 +55,13 @@ pub fn size(file: impl BufRead + Seek) -> Result<[u32; 2], String> {
     Ok(if swaps(turn) { [height, width] } else { [width, height] })
 }
 
-/// Whether EXIF tells a viewer to turn an image; not so where it is no image.
+/// Whether EXIF shows a viewer to turn an image; not so where it is no image.
 pub fn is_turned(bytes: &[u8]) -> bool {
     let turn = decoder(bytes).ok().and_then(|mut decoder| decoder.orientation().ok());
     turn.is_some_and(|turn| turn != Orientation::NoTransforms)
 }
 
-/// An image of the size that its camera has, or as it is stored; and what was done with the orientation that EXIF tells, if it tells one.
+/// An image of the size that its camera has, or as it is stored; and what was done with the orientation that EXIF shows, if it shows one.
 ///
 /// # Errors
 /// As [`read`].
@@ -82,7 +82,7 @@ pub fn decode(bytes: &[u8], size: [u32; 2], shown: ImageOrientation) -> Result<(
     let what = match (is_turned, size == stored) {
         (true, _) => format!("EXIF orientation {number}: turned to {} x {}", size[0], size[1]),
         (false, true) => format!("EXIF orientation {number}: not turned, since the camera is of the image as stored"),
-        // Its size is an error, which the caller tells.
+        // Its size is an error, which the caller shows.
         (false, false) => return Ok((image, None)),
     };
     Ok((image, Some(what)))

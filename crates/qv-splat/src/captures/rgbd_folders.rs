@@ -75,7 +75,7 @@ impl Layout {
 }
 
 /// The capture of a folder of a layout. Frames without a pose or without depth are left out, and named in `lost`; the lens that is taken
-/// where none is stated is told.
+/// where none is stated is reported.
 ///
 /// # Errors
 /// What all frames need is missing or off: poses, lens, images.

@@ -41,8 +41,8 @@ pub struct StereoDepth {
 /// Fewest photographs to learn from: a depth of one must be confirmed by two others.
 const FEWEST: usize = 3;
 
-/// Measures depth of photographs to learn from that have none, and leaves that of others alone. `points` of the scene tell how far it
-/// reaches and which photographs show the same; without them the extent of the cameras does. `done` is told how many of how many
+/// Measures depth of photographs to learn from that have none, and leaves that of others alone. `points` of the scene show how far it
+/// reaches and which photographs show the same; without them the extent of the cameras does. `done` is reported how many of how many
 /// photographs are compared.
 ///
 /// # Errors

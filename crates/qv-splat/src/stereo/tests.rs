@@ -192,7 +192,7 @@ fn too_few_photographs_are_named() {
     };
     let error = wrong(scene(2).0);
     assert!(error.states("photographs 3") && error.ends_with("found 2"), "{error}");
-    // From one place nothing tells depth.
+    // From one place nothing shows depth.
     let (mut dataset, _) = scene(4);
     for one in &mut dataset.training {
         one.camera.camera_from_world.position = DVec3::ZERO;

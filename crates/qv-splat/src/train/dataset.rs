@@ -56,7 +56,7 @@ pub struct Dataset {
     pub antialias: bool,
     /// What of the capture could not be used, a line each.
     pub lost: Vec<String>,
-    /// What was done with images that EXIF tells to turn, and how many.
+    /// What was done with images that EXIF shows to turn, and how many.
     pub turned: BTreeMap<String, usize>,
 }
 
@@ -176,7 +176,7 @@ impl Dataset {
         Settings { outputs, background: self.background, antialias: self.antialias }
     }
 
-    /// Whether all photographs to learn from were taken from one place, so that no two of them tell a depth.
+    /// Whether all photographs to learn from were taken from one place, so that no two of them show a depth.
     pub fn stands_still(&self) -> bool {
         let place = |one: &Photograph| one.camera.camera_from_world.inverse().position;
         let first = self.training.first().map(place);

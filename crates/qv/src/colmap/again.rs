@@ -71,7 +71,7 @@ pub fn poses_again(path: &Path, opened: OpenCapture, folder: &Path) -> Result<Po
 /// The capture with its own poses, or with COLMAP's where those explain the verified matches better and COLMAP is there already.
 ///
 /// # Errors
-/// A photograph is missing. Where COLMAP fails the given poses stay, and why is told.
+/// A photograph is missing. Where COLMAP fails the given poses stay, and why is reported.
 pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<PoseChoice, Failure> {
     let photographs = opened.capture.cameras.iter().filter(|one| one.image.is_some()).count();
     if opened.is_by_colmap || photographs < FEWEST {
@@ -173,7 +173,7 @@ fn with_found(
     Ok(PoseChoice { opened, lost, found, why, explain: [placed.given_explain, placed.found_explain] })
 }
 
-/// Copies photographs, a folder for each lens, and tells what the files hold.
+/// Copies photographs, a folder for each lens, and shows what the files hold.
 fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(CameraHints, u64), Failure> {
     output::clear(folder).map_err(|e| about(folder, e))?;
     let mut given = CameraHints { cameras: vec![], poses: BTreeMap::new(), check: false };

@@ -40,9 +40,9 @@ pub enum End {
 #[derive(Debug)]
 pub struct ChildExit {
     pub end: End,
-    /// Time of processors \[s\]; 0 where the system does not tell.
+    /// Time of processors \[s\]; 0 where the system does not show.
     pub cpu_seconds: f64,
-    /// \[MiB\]; 0 where the system does not tell.
+    /// \[MiB\]; 0 where the system does not show.
     pub peak_mib: f64,
 }
 
@@ -124,10 +124,10 @@ fn kill(child: &mut Child) {
     _ = child.kill();
 }
 
-/// What the system tells of a process.
+/// What the system reports a process.
 #[derive(Default)]
 struct ProcessStatus {
-    /// Whether it tells anything.
+    /// Whether it shows anything.
     is_known: bool,
     /// It ended, and waits to be asked how.
     is_over: bool,

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// Lines of what could not be opened that are printed.
 const TOLD: usize = 10;
-/// Digits of the hash by which robots of one name and different models are told apart.
+/// Digits of the hash by which robots of one name and different models are distinguished.
 const DIGITS: usize = 6;
 
 /// What makes recordings be of one robot.
@@ -208,7 +208,7 @@ fn stored(path: &Path) -> Result<String, String> {
     })
 }
 
-/// The name of a robot; models that recordings bring along are told apart by their contents.
+/// The name of a robot; models that recordings bring along are distinguished by their contents.
 fn model_name(robot: &Robot) -> String {
     let text = match robot {
         Robot::Named(name) => return name.clone(),

@@ -183,7 +183,7 @@ fn line(tally: &Tally, total: usize, seconds: f64) -> String {
     format!("{value}\n")
 }
 
-/// Tells how far it is.
+/// Reports how far it is.
 struct Reporter {
     bar: indicatif::ProgressBar,
     has_lines: bool,
@@ -211,7 +211,7 @@ impl Reporter {
         self.bar.set_message(shown(&text));
     }
 
-    /// A failure; that of an only unit is told at the end.
+    /// A failure; that of an only unit is reported at the end.
     fn line(&self, text: &str) {
         if self.total == 1 {
             return;

@@ -96,7 +96,7 @@ pub struct Reconstruct {
     #[cfg(feature = "gpu")]
     #[arg(long)]
     pub(super) gpu: bool,
-    /// Which card, by its number in the order of the drivers; the one that wgpu prefers unless told
+    /// Which card, by its number in the order of the drivers; the one that wgpu prefers unless reported
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "N", requires = "gpu", hide_short_help = true)]
     pub(super) gpu_index: Option<usize>,

@@ -35,7 +35,7 @@ impl Reconstruct {
         0.2
     }
 
-    /// Measures depth of the photographs that have none. Where that cannot be done training goes on without, and why is told.
+    /// Measures depth of the photographs that have none. Where that cannot be done training goes on without, and why is reported.
     pub(super) fn add_depths(&self, dataset: &mut Dataset, points: Option<&Points>, bar: &Stages) -> Depths {
         let count = dataset.training.len();
         let given = dataset.training.iter().filter(|one| one.depth.iter().any(|z| *z > 0.0)).count();

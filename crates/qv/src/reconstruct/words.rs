@@ -1,4 +1,4 @@
-//! Scores as they are told.
+//! Scores as they are reported.
 
 use crate::colmap::PoseChoice;
 use qv_splat::train::transients::Mask;

@@ -8,7 +8,7 @@ use qv_residual::log::Log;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Reads them; how many could not be used, which are told on standard error.
+/// Reads them; how many could not be used, which are reported on standard error.
 pub fn read(
     paths: &[PathBuf],
     pose_topic: Option<&str>,

@@ -122,7 +122,7 @@ fn pose(pose: &qv_core::Pose) -> [f64; 7] {
     [p.x, p.y, p.z, x, y, z, w]
 }
 
-/// The motion of a recording; what could not be simulated is told.
+/// The motion of a recording; what could not be simulated is reported.
 ///
 /// # Errors
 /// The recording or its robot cannot be read.
@@ -183,7 +183,7 @@ fn track(name: &'static str, model: &Model, feet: &Feet, [trace, recorded]: [&Tr
     let is_known = count > 0 && trace.foot_force.len() == count * trace.time.len();
     let usual = if is_known { usual_force(&trace.foot_force) } else { None };
     let mut on_feet = Vec::new();
-    // A recorded position that is missing is where it was last: a robot without a leg tells less.
+    // A recorded position that is missing is where it was last: a robot without a leg shows less.
     let (mut last, mut base) = (vec![0.0; n], None);
     let mut all = Vec::with_capacity(kept.len() * links * 7);
     for &k in kept {

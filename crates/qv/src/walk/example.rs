@@ -1,4 +1,4 @@
-//! A walk that nobody walked, for tests: the Go2's links, legs that swing as sines tell.
+//! A walk that nobody walked, for tests: the Go2's links, legs that swing as sines show.
 
 use qv_policy::play::WalkTrace;
 use qv_policy::policy::PolicyFile;

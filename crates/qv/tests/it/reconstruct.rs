@@ -92,7 +92,7 @@ fn a_capture_becomes_a_scene_and_goes_on_from_its_checkpoint() {
         (&line["format"], &line["finished"], &line["iterations"]),
         (&json!("qv-reconstruct/1"), &json!(true), &json!(1000))
     );
-    // COLMAP is not there to check the poses: they stay, and how to ask for it is told.
+    // COLMAP is not there to check the poses: they stay, and how to ask for it is reported.
     assert_eq!((&line["poses"]["taken"], &line["poses"]["given_explain"]), (&json!("capture"), &Value::Null));
     let why = line["poses"]["why"].as_str().unwrap();
     assert!(why.states("--poses"), "{why}");

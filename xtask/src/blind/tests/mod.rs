@@ -302,7 +302,7 @@ fn rivals_answer_for_an_arm_in_the_form_that_is_scored() {
     assert!(found.values().all(|rival| rival.closed.is_some_and(|closed| closed > 0.9)), "{found:?}");
 }
 
-/// The golden "blind" says of each recording what is there, and another word or size is told.
+/// The golden "blind" says of each recording what is there, and another word or size is reported.
 #[test]
 fn the_golden_names_what_is_there_and_tells_what_moved() {
     let root = crate::workspace::Workspace::load().unwrap().workspace_root;

@@ -67,7 +67,7 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool, mostly: f64) -> String 
     )
 }
 
-/// Difference of the two falls from which on a reader needs to be told why.
+/// Difference of the two falls from which on a reader needs to be reported why.
 const CONTRADICTS: f64 = 0.15;
 
 /// Share by which a mean square falls; negative where it rises.

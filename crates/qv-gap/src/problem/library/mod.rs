@@ -76,7 +76,7 @@ pub enum LevelsOf {
 pub struct Axis {
     /// Name in reports.
     pub name: String,
-    /// Unit of its parameter where that is not the effect's: values are searched in the effect's unit, and told as those of the parameter.
+    /// Unit of its parameter where that is not the effect's: values are searched in the effect's unit, and reported as those of the parameter.
     pub unit: Option<String>,
     /// Parameters that it moves, with the factor from the axis' value to each.
     pub moves: BTreeMap<String, f64>,
@@ -125,7 +125,7 @@ pub struct Effect {
     /// Share of a value by which other engines put it off (one standard deviation); part of its interval.
     #[serde(default = "engine_error")]
     pub engine_error: f64,
-    /// What would tell it from its likes.
+    /// What would distinguish it from its likes.
     #[serde(default)]
     pub experiment: String,
     /// Directions that belong together.
@@ -176,7 +176,7 @@ pub fn built_in() -> Vec<Effect> {
     parse(BUILT_IN, "effects.toml").expect("tested")
 }
 
-/// Reads effects from the text of a TOML file; `name` is told in errors.
+/// Reads effects from the text of a TOML file; `name` is reported in errors.
 ///
 /// # Errors
 /// When the text is not of this form, or an effect cannot be used.

@@ -38,7 +38,7 @@ pub struct GpuEngine<'a> {
     photographs: Vec<wgpu::Buffer>,
     cameras: GpuCameras,
     step: wgpu::Buffer,
-    /// What the steps of a submission are told, one after the other.
+    /// What the steps of a submission are reported, one after the other.
     remarks: wgpu::Buffer,
     /// Steps that were recorded and not submitted.
     recorded: Vec<wgpu::CommandBuffer>,
@@ -51,7 +51,7 @@ pub struct GpuEngine<'a> {
     /// Opacity logits while a step leaves some Gaussians out; none when that is not asked for.
     logits: Option<wgpu::Buffer>,
     /// Log scales and logits as they are learned and the filter's squared deviations while a step draws filtered ones, and the cameras that
-    /// tell the filter; none without anti-aliasing.
+    /// show the filter; none without anti-aliasing.
     filter: Option<(wgpu::Buffer, wgpu::Buffer, GpuCameras)>,
     /// Plane depths of each photograph as they were last drawn; none when no term asks for them.
     plane_depths: Vec<wgpu::Buffer>,
@@ -81,7 +81,7 @@ impl Default for GpuTraining {
     }
 }
 
-/// Bytes that a step is told.
+/// Bytes that a step is reported.
 const WORDS: u64 = size_of::<StepWords>() as u64;
 /// Steps that are submitted at once: a submission costs the card a pause.
 const AT_ONCE: usize = 8;
