@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 
 /// References from which on their spread is taken as a covariance of its own.
 const MANY: usize = 8;
+/// Fewest blocks without an event that say anything.
+const FEWEST: usize = 4;
 
 /// What is asked of a decision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -99,8 +101,9 @@ pub fn decide(evidence: &Evidence, policy: &Policy) -> Decision {
                 p_better(&evidence.tested[best].losses, &evidence.tested[k].losses, l0) > 1.0 - policy.level;
         }
     }
-    let none_in_set =
-        best.is_none_or(|b| p_better(&evidence.tested[b].losses, &evidence.none, l0) > 1.0 - policy.level);
+    // The best of many is better by chance: none is thrown out at a level for each of them.
+    let level = (1.0 - policy.level) / evidence.tested.len().max(1) as f64;
+    let none_in_set = best.is_none_or(|b| p_better(&evidence.tested[b].losses, &evidence.none, l0) > level);
     let p_gap = p_gap(evidence, evidence.loss);
     let mut decision = Decision { outcome: Outcome::None, judged, order, p_gap, none_in_set, events: Vec::new() };
     decision.outcome = outcome(evidence, policy, &mut decision);
@@ -131,8 +134,8 @@ fn outcome(evidence: &Evidence, policy: &Policy, decision: &mut Decision) -> Out
             return Outcome::Unexplained;
         }
         let quiet: Vec<f64> = outside(evidence, &evidence.events).map(|b| evidence.none[b]).collect();
-        let quiet = mean(&quiet);
-        if (evidence.loss - quiet) < policy.least_share * (evidence.loss - evidence.reference_loss()) {
+        let (is_everywhere, quiet) = (quiet.len() < FEWEST, mean(&quiet));
+        if is_everywhere || evidence.loss - quiet < policy.least_share * (evidence.loss - evidence.reference_loss()) {
             return Outcome::Unexplained;
         }
         decision.events = evidence.events.clone();
@@ -159,7 +162,7 @@ fn acts_outside(evidence: &Evidence, k: usize, events: &[Event], policy: &Policy
     let of = |all: &[f64]| -> Vec<f64> { picked.iter().map(|&b| all[b]).collect() };
     let (own, none, l0) = (of(&evidence.tested[k].losses), of(&evidence.none), evidence.reference_loss());
     let share = (mean(&none) - mean(&own)) / (mean(&none) - l0).max(1e-12);
-    picked.len() >= 4 && p_better(&own, &none, l0) < alpha && share >= policy.least_share
+    picked.len() >= FEWEST && p_better(&own, &none, l0) < alpha && share >= policy.least_share
 }
 
 fn judge(evidence: &Evidence, t: &Tested, policy: &Policy, [of_size, of_change]: [[f64; 2]; 2]) -> Judged {
@@ -178,11 +181,18 @@ fn judge(evidence: &Evidence, t: &Tested, policy: &Policy, [of_size, of_change]:
     let count = evidence.tested.len().max(1) as f64;
     let passed = p_size < policy.alpha / count
         && p_blocks < policy.alpha
-        && p_bandwidth >= policy.alpha_bandwidth
+        && (p_bandwidth >= policy.alpha_bandwidth || stays(t, policy))
         && is_physical
         && evidence.loss > l0
         && share >= policy.least_share;
     Judged { p_size, p_blocks, p_bandwidth, is_physical, share, passed, in_set: false, ci95 }
+}
+
+/// Whether the part of a size that does not move with the bandwidth is its share: references, which have none, do not say how far
+/// a large size wanders in proportion.
+fn stays(t: &Tested, policy: &Policy) -> bool {
+    let moved = t.change.as_ref().map_or(0.0, |c| quadratic(&c.size, &t.information));
+    moved.sqrt() <= (1.0 - policy.least_share) * quadratic(&t.size, &t.information).sqrt()
 }
 
 /// Test 1: a size beyond what references show.

@@ -65,8 +65,14 @@ fn means(rows: &[f64], length: usize) -> Vec<(usize, f64)> {
 }
 
 /// Windows of a recording that are farther off than by chance (`alpha`, all together) and than any of the references, largest first.
-/// `left` has the rows of each equation.
-pub(crate) fn scan(balance: &Balance, left: &[Vec<f64>], wander: &Wander, names: &[String], alpha: f64) -> Vec<Event> {
+/// `left` has the rows of each equation; `scale` is how much more than references the robot is taken to wander.
+pub(crate) fn scan(
+    balance: &Balance,
+    left: &[Vec<f64>],
+    (wander, scale): (&Wander, f64),
+    names: &[String],
+    alpha: f64,
+) -> Vec<Event> {
     let rows = balance.time.len();
     let joints = balance.equations.iter().filter(|e| e.kind == Kind::Balance).count();
     let mut found: Vec<(f64, usize, usize, usize, f64)> = Vec::new();
@@ -76,7 +82,7 @@ pub(crate) fn scan(balance: &Balance, left: &[Vec<f64>], wander: &Wander, names:
                 (wander.tails[k], (rows / length * joints * LENGTHS.len()) as f64);
             for (start, mean) in means(own, length) {
                 let is_one_run = balance.run[start] == balance.run[start + length - 1];
-                let z = mean.abs() / wander.spread[e][k];
+                let z = mean.abs() / (scale * wander.spread[e][k]);
                 // An exponential tail, which is longer than a normal one (Pickands, Annals of Statistics 3, 1975, with shape 0).
                 let p = looked * TAIL * (-(z - begins) / excess).exp();
                 if is_one_run && p < alpha && z > largest {

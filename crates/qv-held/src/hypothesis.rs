@@ -205,8 +205,14 @@ fn of_joints(robot: &Robot, balance: &Balance, (effect, limits): (&JointEffect, 
         told: (effect.term == Term::Limit).then(|| joints.iter().map(|&j| limits[j]).fold(0.0, f64::max)),
         range: [joints.iter().map(|&j| effect.range[0] - stated(j)).fold(f64::NEG_INFINITY, f64::max), effect.range[1]],
     };
+    // What pushes a joint along takes from the torque of its motor; motor and load both press on the gear.
+    let factor = match effect.term {
+        Term::Offset => -1.0,
+        Term::Load => 2.0,
+        _ => 1.0,
+    };
     let direction = |joints: &[usize]| {
-        joints.iter().map(|&j| (Layout::of(robot).place(Column::Joint(j, effect.term)), 1.0)).collect()
+        joints.iter().map(|&j| (Layout::of(robot).place(Column::Joint(j, effect.term)), factor)).collect()
     };
     let mut push = |scope: Vec<String>, groups: &[Vec<usize>]| {
         all.push(Hypothesis {
@@ -358,7 +364,7 @@ pub(crate) fn nuisance(robot: &Robot, balance: &Balance, tolerances: &Tolerances
                 (Kind::Balance, Term::TorqueScale) | (_, Term::KpScale | Term::KdScale) => tolerances.gain,
                 (Kind::Balance, Term::StateLatency) | (_, Term::CommandLatency) => tolerances.samples * period,
                 (Kind::Balance, Term::Spring)
-                | (_, Term::Strength | Term::Lag)
+                | (_, Term::Strength | Term::Lag | Term::Limit)
                 | (Kind::Law, Term::TorqueScale | Term::StateLatency) => 0.0,
                 // Zeros of encoders, which gains multiply, say nothing.
                 (_, Term::LawOffset) => 10.0 * beyond,

@@ -109,8 +109,9 @@ fn weighed(
 struct Null {
     left_out: Vec<Reduced>,
     wander: Wander,
-    /// Mean square that each equation leaves.
+    /// Mean square that each equation leaves, and mean loss.
     squares: Vec<f64>,
+    loss: f64,
 }
 
 impl Null {
@@ -130,7 +131,9 @@ impl Null {
             let of = |r: &Vec<Vec<f64>>| qv_fit::linear::squared(&r[e]) / r[e].len().max(1) as f64;
             rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64
         };
-        Self { left_out, wander: Wander::of(&rows), squares: (0..target.equations.len()).map(mean).collect() }
+        let squares: Vec<f64> = (0..target.equations.len()).map(mean).collect();
+        let loss = squares.iter().zip(&study.weights).map(|(s, w)| s * w).sum::<f64>() / squares.len().max(1) as f64;
+        Self { left_out, wander: Wander::of(&rows), squares, loss }
     }
 }
 
@@ -210,7 +213,7 @@ impl<'a> Target<'a> {
                 .map(|r| [r.bands[0][(y, y)] / r.rows, free_loss(r, &everything)])
                 .collect(),
             tested,
-            events: self.events(&[], &[], alpha),
+            events: self.events((&[], &[]), 0.0, alpha),
             joints: joint_rows(self.robot, self.balance, nuisance),
         }
     }
@@ -223,7 +226,8 @@ impl<'a> Target<'a> {
         for k in order.into_iter().take(FOLLOWED) {
             let tested = &mut evidence.tested[k];
             if !self.follow_drive(tested, request, bends)? {
-                tested.events = Some(self.events(&tested.hypothesis.directions, &tested.size, request.policy.alpha));
+                tested.events =
+                    Some(self.events((&tested.hypothesis.directions, &tested.size), tested.loss, request.policy.alpha));
             }
         }
         Ok(())
@@ -242,7 +246,8 @@ impl<'a> Target<'a> {
             if found.loss >= best.as_ref().unwrap_or(tested).loss {
                 break;
             }
-            found.events = Some(target.events(&found.hypothesis.directions, &found.size, request.policy.alpha));
+            found.events =
+                Some(target.events((&found.hypothesis.directions, &found.size), found.loss, request.policy.alpha));
             size.iter_mut().zip(&found.size).for_each(|(all, more)| *all += more);
             found.size.clone_from(&size);
             found.acted[0].clone_from(&tested.acted[0]);
@@ -265,10 +270,12 @@ impl<'a> Target<'a> {
         robot.drives.iter().all(Drive::is_sound).then_some(robot)
     }
 
-    fn events(&self, directions: &[Direction], size: &[f64], alpha: f64) -> Vec<Event> {
+    /// Events beside a hypothesis, over what it leaves: a large cause leaves more than references do (Birge, Physical Review 40, 1932).
+    fn events(&self, (directions, size): (&[Direction], &[f64]), loss: f64, alpha: f64) -> Vec<Event> {
         let values = self.reduced.reductions[0].values(directions, size);
         let rows: Vec<Vec<f64>> = self.balance.equations.iter().map(|e| left(e, self.study.layout, &values)).collect();
-        scan(self.balance, &rows, &self.null.wander, self.robot.model.joint_names(), alpha)
+        let scale = (loss / self.null.loss.max(1e-12)).max(1.0).sqrt();
+        scan(self.balance, &rows, (&self.null.wander, scale), self.robot.model.joint_names(), alpha)
     }
 
     fn test(&self, mut hypothesis: Hypothesis, scales: f64) -> Option<Tested> {

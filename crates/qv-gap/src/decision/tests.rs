@@ -93,6 +93,7 @@ fn latency() -> Evidence {
         corrected: Some(corrected),
         report: None,
         camera: None,
+        held: None,
     }
 }
 

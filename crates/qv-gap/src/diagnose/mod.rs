@@ -1,6 +1,7 @@
 //! The whole diagnosis: from runs to a report.
 
 mod corrected;
+mod held;
 mod progress;
 mod refine;
 mod report_data;
@@ -135,7 +136,12 @@ pub fn diagnose(
     leave_out: usize,
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
-    let Prepared { usable, reference, mut cannot_tell, fallen } = prepared(runs, terrain, options)?;
+    let prepared = prepared(runs, terrain, options)?;
+    if held::is_weighed(&prepared) {
+        return held::diagnose(&prepared, model, options, leave_out);
+    }
+    let joint_rows = held::joint_rows(&prepared.usable, model, options);
+    let Prepared { usable, reference, mut cannot_tell, fallen } = prepared;
     let mut session = Session::new(usable, &reference, (model, terrain), options, leave_out);
     let begun = session.now();
     let mut nominal = session.nominal(&cannot_tell)?;
@@ -150,6 +156,7 @@ pub fn diagnose(
     let mut evidence = findings.evidence(&mut session, &mut nominal, begun)?;
     if let Some(data) = &mut evidence.report {
         data.can_tell = can_tell;
+        data.joint_rows = joint_rows;
         data.fall = fallen.first().cloned();
     }
     let report = report::report(&evidence, &options.policy)?;
