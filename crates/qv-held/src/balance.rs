@@ -1,7 +1,9 @@
 //! Torque balance of a recording: equations, one or two for each joint, whose rows are linear in everything that a robot may differ in.
 //!
-//!     tau = Y(q, dq, ddq) pi + sum_k F_k(q, dq, ddq) phi_k + e         the balance of a joint
-//!     tau = clip(kp (c - q) + tau_ff) + kd (dc - dq) + e               the law of its motor, where commands and gains are known, too
+//! ```text
+//! tau = Y(q, dq, ddq) pi + sum_k F_k(q, dq, ddq) phi_k + e         the balance of a joint
+//! tau = clip(kp (c - q) + tau_ff) + kd (dc - dq) + e               the law of its motor, where commands and gains are known, too
+//! ```
 //!
 //! Torque and all columns go through one low-pass filter and are sampled at 25 Hz (parallel filtering: Gautier, IEEE International Conference on
 //! Robotics and Automation 1997; Janot, Vandanjon and Gautier, IEEE Transactions on Control Systems Technology 22, 2014). `y` is what the robot
@@ -149,6 +151,8 @@ pub(crate) struct Bends {
     /// Speeds below which friction is another one \[rad/s\].
     pub coulomb: Vec<f64>,
     pub stribeck: Vec<f64>,
+    /// Usual top speeds \[rad/s\].
+    pub top: Vec<f64>,
     /// Torque that the recording hardly exceeds \[N m\]: where its motors are asked for more, it is their limit.
     pub limit: Vec<f64>,
 }
@@ -411,15 +415,15 @@ fn law_of(
 pub(crate) fn bends(still: &[Run], runs: &[Run], robot: &Robot) -> Result<Bends, HeldError> {
     let signals = |runs: &[Run]| runs.iter().map(|run| Signals::new(run, robot)).collect::<Result<Vec<Signals>, _>>();
     let (still, runs) = (signals(still)?, signals(runs)?);
-    let of = |share: f64| -> Vec<f64> {
-        let top = |j: usize| quantile(still.iter().flat_map(|s| s.v[j].iter().map(|v| v.abs())).collect(), 0.95);
-        (0..robot.joints()).map(|j| share * top(j).max(1e-3)).collect()
-    };
+    let fastest = |j: usize| quantile(still.iter().flat_map(|s| s.v[j].iter().map(|v| v.abs())).collect(), 0.95);
+    let top: Vec<f64> = (0..robot.joints()).map(|j| fastest(j).max(1e-3)).collect();
+    let of = |share: f64| -> Vec<f64> { top.iter().map(|v| share * v).collect() };
     let largest = |j: usize| {
         let all: Vec<f64> = runs.iter().filter_map(|s| s.torque[j].as_ref()).flatten().map(|x| x.abs()).collect();
         if all.is_empty() { f64::INFINITY } else { quantile(all, LARGEST) }
     };
     Ok(Bends {
+        top: top.clone(),
         coulomb: of(TRANSITIONS[0]),
         stribeck: of(TRANSITIONS[1]),
         limit: (0..robot.joints()).map(largest).collect(),

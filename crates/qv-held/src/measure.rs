@@ -55,7 +55,8 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     let study = Study::new(Layout::of(&robot), &target.equations, &references, &nuisance, is_fleet);
     let null = Null::new(&study, &target, &balances);
     let tolerance = if request.references.len() == 1 { request.policy.tolerances.friction } else { 0.0 };
-    let context = Context { limits: bends.limit.clone(), interval: interval_of(first), tolerance };
+    let context =
+        Context { limits: bends.limit.clone(), speeds: bends.top.clone(), interval: interval_of(first), tolerance };
     let target = Target::new(&robot, &target, &study, &null, &context);
     let mut evidence = target.evidence(request, &nuisance);
     target.follow(&mut evidence, request, &bends)?;
@@ -141,6 +142,8 @@ impl Null {
 struct Context {
     /// Limits that motors seem to have \[N m\], shape `[joints]`.
     limits: Vec<f64>,
+    /// Usual top speeds \[rad/s\], shape `[joints]`.
+    speeds: Vec<f64>,
     /// Between commands \[s\].
     interval: f64,
     /// Share by which friction may differ between the day of a single reference and that of the recording; 0 where there are more.
@@ -233,7 +236,8 @@ impl<'a> Target<'a> {
         Ok(())
     }
 
-    /// Gauss and Newton's steps of a hypothesis of motors, whose law is computed anew with its size. Whether it is one, and its fit is better there.
+    /// Gauss and Newton's steps of a hypothesis of motors, friction or rotors: the equations are computed anew with its size, and with them what delays and
+    /// scales that are pinned make of it. Whether its fit is better there.
     fn follow_drive(&self, tested: &mut Tested, request: &Request, bends: &Bends) -> Result<bool, HeldError> {
         const STEPS: usize = 3;
         let mut size = tested.size.clone();
@@ -258,13 +262,19 @@ impl<'a> Target<'a> {
         Ok(true)
     }
 
-    /// The robot with motors as a hypothesis has them; `None` for others, and where that means nothing.
+    /// The robot with motors, friction and rotors as a hypothesis has them; `None` for others, and where that means nothing.
     fn moved(&self, hypothesis: &Hypothesis, size: &[f64]) -> Option<Robot<'a>> {
         let mut robot = self.robot.clone();
         for (direction, x) in hypothesis.directions.iter().zip(size) {
             for &(place, factor) in direction {
-                let (joint, term) = self.study.layout.term(place).filter(|(_, term)| Drive::has(*term))?;
-                robot.drives[joint].add(term, x * factor);
+                let (joint, term) = self.study.layout.term(place)?;
+                match term {
+                    Term::Coulomb => robot.coulomb[joint] += x * factor,
+                    Term::Viscous => robot.viscous[joint] += x * factor,
+                    Term::Armature => robot.armature[joint] += x * factor,
+                    _ if Drive::has(term) => robot.drives[joint].add(term, x * factor),
+                    _ => return None,
+                }
             }
         }
         robot.drives.iter().all(Drive::is_sound).then_some(robot)
@@ -385,8 +395,10 @@ impl<'a> Target<'a> {
     /// Variance by which friction differs from day to day, of which a single reference knows nothing: evenly within its tolerance.
     fn drift(&self, directions: &[Direction]) -> Vec<f64> {
         let stated = |place: usize| match self.study.layout.term(place) {
-            Some((joint, Term::Coulomb)) => self.robot.coulomb[joint],
+            Some((joint, Term::Coulomb | Term::Stribeck)) => self.robot.coulomb[joint],
             Some((joint, Term::Viscous)) => self.robot.viscous[joint],
+            // What viscous friction is off by at the usual top speed.
+            Some((joint, Term::Drag)) => self.robot.viscous[joint] / self.context.speeds[joint],
             _ => 0.0,
         };
         let of = |d: &Direction| d.iter().map(|x| stated(x.0)).fold(0.0, f64::max);
