@@ -226,7 +226,7 @@ fn of_joints(robot: &Robot, balance: &Balance, (effect, limits): (&JointEffect, 
     };
     joints.iter().for_each(|&j| push(vec![names[j].clone()], &[vec![j]]));
     if joints.len() > 1 {
-        push(vec!["all".into()], &[joints.clone()]);
+        push(vec!["all".into()], std::slice::from_ref(&joints));
         if effect.is_free_in_each {
             push(vec!["all".into()], &joints.iter().map(|&j| vec![j]).collect::<Vec<_>>());
         }

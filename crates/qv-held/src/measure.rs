@@ -6,7 +6,7 @@ use crate::events::{Wander, left, scan};
 use crate::evidence::{Change, Event, Evidence, JointRow, Square, Tested};
 use crate::fleet;
 use crate::gram::{Gram, Layout, blocks, totals};
-use crate::hypothesis::{Direction, Family, Hypothesis, Nuisance, hypotheses, load_direction, nuisance};
+use crate::hypothesis::{Direction, Family, Hypothesis, Nuisance, Tolerances, hypotheses, load_direction, nuisance};
 use crate::request::Request;
 use crate::slices::pieces;
 use crate::study::{Own, Reduced, Reduction, Reference, Study, fit, free_fit};
@@ -54,9 +54,9 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     let (references, balances) = weighed(references, &robot, &bends, &target)?;
     let study = Study::new(Layout::of(&robot), &target.equations, &references, &nuisance, is_fleet);
     let null = Null::new(&study, &target, &balances);
-    let tolerance = if request.references.len() == 1 { request.policy.tolerances.friction } else { 0.0 };
+    let days = (request.references.len() == 1).then_some(&request.policy.tolerances);
     let context =
-        Context { limits: bends.limit.clone(), speeds: bends.top.clone(), interval: interval_of(first), tolerance };
+        Context { limits: bends.limit.clone(), speeds: bends.top.clone(), interval: interval_of(first), days };
     let target = Target::new(&robot, &target, &study, &null, &context);
     let mut evidence = target.evidence(request, &nuisance);
     target.follow(&mut evidence, request, &bends)?;
@@ -139,15 +139,15 @@ impl Null {
 }
 
 /// What neither rows nor references say.
-struct Context {
+struct Context<'a> {
     /// Limits that motors seem to have \[N m\], shape `[joints]`.
     limits: Vec<f64>,
     /// Usual top speeds \[rad/s\], shape `[joints]`.
     speeds: Vec<f64>,
     /// Between commands \[s\].
     interval: f64,
-    /// Share by which friction may differ between the day of a single reference and that of the recording; 0 where there are more.
-    tolerance: f64,
+    /// By how much robots differ from day to day, where a single reference does not say.
+    days: Option<&'a Tolerances>,
 }
 
 /// A recording beside its references.
@@ -162,7 +162,7 @@ struct Target<'a> {
     ranges: Vec<Range<usize>>,
     /// What the equations leave without a cause.
     none_rows: Vec<Vec<f64>>,
-    context: &'a Context,
+    context: &'a Context<'a>,
 }
 
 impl<'a> Target<'a> {
@@ -171,7 +171,7 @@ impl<'a> Target<'a> {
         balance: &'a Balance,
         study: &'a Study<'a>,
         null: &'a Null,
-        context: &'a Context,
+        context: &'a Context<'a>,
     ) -> Self {
         let length = block_length(balance, study.kappa);
         let pinned = study.pinned(None);
@@ -392,17 +392,18 @@ impl<'a> Target<'a> {
         directions.iter().flatten().any(is_in)
     }
 
-    /// Variance by which friction differs from day to day, of which a single reference knows nothing: evenly within its tolerance.
+    /// Variance by which friction and scales of drives differ from day to day, of which a single reference knows nothing: evenly within tolerances.
     fn drift(&self, directions: &[Direction]) -> Vec<f64> {
-        let stated = |place: usize| match self.study.layout.term(place) {
-            Some((joint, Term::Coulomb | Term::Stribeck)) => self.robot.coulomb[joint],
-            Some((joint, Term::Viscous)) => self.robot.viscous[joint],
+        let Some(tolerances) = self.context.days else { return vec![0.0; directions.len()] };
+        let reach = |place: usize| match self.study.layout.term(place) {
+            Some((joint, Term::Coulomb | Term::Stribeck)) => tolerances.friction * self.robot.coulomb[joint],
+            Some((joint, Term::Viscous)) => tolerances.friction * self.robot.viscous[joint],
             // What viscous friction is off by at the usual top speed.
-            Some((joint, Term::Drag)) => self.robot.viscous[joint] / self.context.speeds[joint],
+            Some((joint, Term::Drag)) => tolerances.friction * self.robot.viscous[joint] / self.context.speeds[joint],
+            Some((_, Term::TorqueScale | Term::KpScale | Term::KdScale | Term::Strength)) => tolerances.gain,
             _ => 0.0,
         };
-        let of = |d: &Direction| d.iter().map(|x| stated(x.0)).fold(0.0, f64::max);
-        directions.iter().map(|d| (self.context.tolerance * of(d)).powi(2) / 3.0).collect()
+        directions.iter().map(|d| d.iter().map(|x| reach(x.0)).fold(0.0, f64::max).powi(2) / 3.0).collect()
     }
 
     /// Weighted mean square of an equation's rows in each block.

@@ -1,9 +1,9 @@
 //! Robots with a fixed base by their torque balance: from recordings to evidence.
 
-use super::{Options, Prepared, progress};
+use super::options::{Diagnosis, Options, Prepared};
+use super::progress;
 use crate::GapError;
 use crate::decision::evidence::{ActsOn, Comparison, EffectFacts, Evidence, FORMAT, ReportData};
-use crate::diagnose::Diagnosis;
 use crate::findings::{Gap, HeatMap, JointShare, Level, Share, Stage, Timing, Traces, UNKNOWN, Where};
 use crate::problem::library::{Effect, Interface};
 use crate::report;
@@ -108,7 +108,7 @@ fn data(prepared: &Prepared, held: &qv_held::Evidence, seconds: f64) -> ReportDa
         joint_rms: [f64::NAN; 2],
         joint_rms_apart: None,
     };
-    let left: f64 = held.joints.iter().map(|j| square_share(j)).sum();
+    let left: f64 = held.joints.iter().map(square_share).sum();
     let share = |j: &qv_held::JointRow| JointShare {
         name: j.joint.clone(),
         share: square_share(j) / left.max(1e-300),

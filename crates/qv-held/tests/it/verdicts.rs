@@ -5,6 +5,9 @@ use qv_held::{Decision, Evidence, Outcome, Policy, Request, decide, measure};
 use qv_recording::Run;
 use qv_sim::{BaseKind, Model, ModelOptions};
 
+/// Parameters of a changed robot, names of the effect, part, size, and how far it may be off.
+type Case = (&'static [(&'static str, f64)], &'static [&'static str], &'static str, f64, f64);
+
 fn model() -> Model {
     Model::from_urdf(ARM, &ModelOptions { base: BaseKind::Fixed, ..Default::default() }).unwrap()
 }
@@ -45,7 +48,7 @@ fn the_same_robot_in_another_motion_has_no_gap() {
 fn what_was_changed_is_named_with_its_size() {
     let model = model();
     let references = references(&model);
-    let cases: [(&[(&str, f64)], &[&str], &str, f64, f64); 4] = [
+    let cases: [Case; 4] = [
         (&[("link.lower.payload_mass", 0.5)], &["payload_mass", "payload_off_centre"], "lower", 0.5, 0.02),
         (&[("joint.elbow.viscous_friction", 0.6)], &["joint_viscous_friction"], "elbow", 0.5, 0.03),
         (&[("actuator.shoulder.kp_scale", 0.6)], &["motor_gain_kp"], "shoulder", -0.4, 0.01),
