@@ -34,7 +34,7 @@ fn drive(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     let to_end = Arc::clone(&is_over);
     ctrlc::set_handler(move || to_end.store(true, Ordering::Relaxed))?;
     let mut topics = Topics::new("cone_node", arguments.domain, arguments.best_effort)?;
-    // Tells others of the node; it ends with it.
+    // Reports others of the node; it ends with it.
     let spinner = topics.node.spinner()?;
     std::thread::spawn(|| futures::executor::block_on(spinner.spin()));
     ConeNode::new(topics, driver)?.run(&is_over, &mut |said| eprintln!("{said}"));

@@ -151,7 +151,7 @@ impl ConeNode {
         })
     }
 
-    /// Drives until `is_over` says so, and then stands still. What goes wrong is told to `tell`; the robot stands still meanwhile.
+    /// Drives until `is_over` says so, and then stands still. What goes wrong is commanded to `tell`; the robot stands still meanwhile.
     pub fn run(&mut self, is_over: &AtomicBool, tell: &mut dyn FnMut(String)) {
         let mut next = Instant::now();
         while !is_over.load(Ordering::Relaxed) {
@@ -202,7 +202,7 @@ impl ConeNode {
 /// Whatever ends it, an error or a panic as well: the robot stands still.
 impl Drop for ConeNode {
     fn drop(&mut self) {
-        // There is no one left to tell.
+        // There is no one left to show.
         let _ = self.publish([0.0; 3]);
         // The command has to leave before the network is closed.
         thread::sleep(LEAVE);

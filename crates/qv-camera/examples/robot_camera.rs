@@ -7,7 +7,7 @@
 #[path = "../tests/it/footage/mod.rs"]
 mod footage;
 
-use footage::{Hidden, recording_of_all, yard};
+use footage::{HiddenError, recording_of_all, yard};
 use qv_camera::{LookOptions, look};
 use qv_gap::decision::decide_camera;
 use qv_gap::report::Sight;
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (seed, out) = (seed.parse::<u64>()?, PathBuf::from(out));
     let mut random = Random::new(seed, 6);
     // All kinds but "nothing".
-    let hidden: Vec<Hidden> = (1..=5).map(|kind| Hidden::draw(kind, &mut random)).collect();
+    let hidden: Vec<HiddenError> = (1..=5).map(|kind| HiddenError::draw(kind, &mut random)).collect();
     let place = yard(36, SIZE[0], SIZE[1], 0.02, seed);
     let recording = recording_of_all(&place, &hidden, seed);
     let options = LookOptions::default();
@@ -50,17 +50,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// The number of that name in what is hidden.
-fn number(hidden: Hidden, name: &str) -> Option<f64> {
+fn number(hidden: HiddenError, name: &str) -> Option<f64> {
     let axis = ["x", "y", "z"].iter().position(|axis| name.ends_with(&format!("_{axis}")));
     match hidden {
         // Displayed values follow light to the power of 1 / 2.2, nearly.
-        Hidden::Exposure(stops) if name == "gain" => Some((stops / 2.2).exp2()),
-        Hidden::Exposure(stops) if name == "stops" => Some(stops),
-        Hidden::Delay(delay) if name == "delay" => Some(delay),
-        Hidden::Focal(scale) if name == "focal_scale" => Some(scale),
-        Hidden::Blur(deviation) if name == "blur" => Some(deviation),
-        Hidden::Extrinsics(twist) if name.starts_with("translation_") => axis.map(|k| twist[k]),
-        Hidden::Extrinsics(twist) if name.starts_with("rotation_") => axis.map(|k| twist[3 + k]),
+        HiddenError::Exposure(stops) if name == "gain" => Some((stops / 2.2).exp2()),
+        HiddenError::Exposure(stops) if name == "stops" => Some(stops),
+        HiddenError::Delay(delay) if name == "delay" => Some(delay),
+        HiddenError::Focal(scale) if name == "focal_scale" => Some(scale),
+        HiddenError::Blur(deviation) if name == "blur" => Some(deviation),
+        HiddenError::Extrinsics(twist) if name.starts_with("translation_") => axis.map(|k| twist[k]),
+        HiddenError::Extrinsics(twist) if name.starts_with("rotation_") => axis.map(|k| twist[3 + k]),
         _ => None,
     }
 }

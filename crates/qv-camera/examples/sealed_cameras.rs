@@ -6,13 +6,13 @@
 //! ```
 //! The numbers are recordings for each effect (and as many with none), and the seed. For an RGB-D folder the scene must have been
 //! learned without every 2nd image from the first on (`--hold-out N` for every Nth); without a file it is learned here, at half the
-//! size, and what its camera was found to be mounted by is saved beside it (SCENE.json). `--shared` tells what all images share,
+//! size, and what its camera was found to be mounted by is saved beside it (SCENE.json). `--shared` shows what all images share,
 //! `--width N` compares larger or smaller pictures.
 
 #[path = "../tests/it/footage/mod.rs"]
 mod footage;
 
-use footage::{Hidden, Truth, error, recording, through, yard};
+use footage::{HiddenError, Truth, error, recording, through, yard};
 use qv_camera::{Intrinsics, LookOptions, look};
 use qv_core::Pose;
 use qv_gap::decision::{Policy, decide_camera};
@@ -48,7 +48,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 }
                 score.one(truth.as_ref().expect("made above"), k as usize % KINDS, seed + 7919 * k)?;
             }
-            score.tell();
+            score.notify();
         }
         Some("rgbd") => {
             let folder = arguments.get(1).ok_or("expected a folder")?;
@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             for k in 0..count * KINDS as u64 {
                 score.one(&truth, k as usize % KINDS, seed + 7919 * k)?;
             }
-            score.tell();
+            score.notify();
         }
         _ => eprintln!("expected yard COUNT SEED, or rgbd FOLDER COUNT SEED [scene.ply|STEPS]"),
     }
@@ -136,12 +136,12 @@ fn kitchen(folder: &Path, scene: Option<&str>, save: Option<&str>) -> Result<Tru
 
 #[derive(Default)]
 struct Score {
-    rows: Vec<(Hidden, String, f64)>,
+    rows: Vec<(HiddenError, String, f64)>,
 }
 
 impl Score {
     fn one(&mut self, truth: &Truth, kind: usize, seed: u64) -> Result<(), Box<dyn std::error::Error>> {
-        let hidden = Hidden::draw(kind, &mut Random::new(seed, 5));
+        let hidden = HiddenError::draw(kind, &mut Random::new(seed, 5));
         let recording = recording(truth, hidden, seed);
         let clock = Instant::now();
         let look =
@@ -175,9 +175,9 @@ impl Score {
         Ok(())
     }
 
-    fn tell(&self) {
+    fn notify(&self) {
         for kind in ["none", "camera_exposure", "camera_delay", "camera_extrinsics", "camera_focal", "camera_blur"] {
-            let of: Vec<&(Hidden, String, f64)> = self.rows.iter().filter(|r| r.0.name() == kind).collect();
+            let of: Vec<&(HiddenError, String, f64)> = self.rows.iter().filter(|r| r.0.name() == kind).collect();
             let right = of.iter().filter(|r| r.1 == kind).count();
             let mut errors: Vec<f64> = of.iter().map(|r| r.2).filter(|e| e.is_finite()).collect();
             errors.sort_by(f64::total_cmp);

@@ -134,7 +134,7 @@ pub fn sizes(intrinsics: &Intrinsics, width: usize) -> Vec<(usize, usize)> {
 }
 
 /// What the scene shows.
-pub struct Drawn {
+pub struct RenderedView {
     /// Brightness.
     pub picture: Picture,
     /// Depth \[m\]; 0 where the scene is not solid.
@@ -152,7 +152,7 @@ pub fn draw(
     target: &Target,
     offsets: &Offsets,
     size: (usize, usize),
-) -> Result<Drawn, CameraError> {
+) -> Result<RenderedView, CameraError> {
     let camera = &target.camera;
     let (width, height) = (size.0 as u32 * FINER, size.1 as u32 * FINER);
     let (x, y) = (f64::from(width) / f64::from(camera.width), f64::from(height) / f64::from(camera.height));
@@ -179,7 +179,7 @@ pub fn draw(
     let weighted = shrunk(image.depth.iter().zip(&image.alpha).map(|(d, a)| d * a).collect());
     let solid = |(d, a): (f32, f32)| if a >= SOLID { d / a } else { 0.0 };
     let depth = weighted.into_iter().zip(alpha).map(solid).collect();
-    Ok(Drawn { picture: Picture::of_colour(size.0, size.1, &colour), depth, colour })
+    Ok(RenderedView { picture: Picture::of_colour(size.0, size.1, &colour), depth, colour })
 }
 
 /// The mean over pixels of r² / (1 + r² / c²) with residuals r of displayed brightness and c = 0.2 (Geman and McClure), and the share of
@@ -214,7 +214,7 @@ fn scale(target: &Target, level: usize) -> f64 {
     target.pictures[level].width as f64 / target.finest().width as f64
 }
 
-fn loss(wanted: &Picture, drawn: &Drawn, offsets: &Offsets, scale: f64, cut: f64) -> Disagreement {
+fn loss(wanted: &Picture, drawn: &RenderedView, offsets: &Offsets, scale: f64, cut: f64) -> Disagreement {
     let shown = drawn.picture.blurred(offsets.blur * scale * scale);
     let (gain, bias) = (offsets.gain.exp() as f32, offsets.bias as f32);
     let (mut mean, mut count) = (0.0, 0usize);
@@ -233,7 +233,7 @@ fn loss(wanted: &Picture, drawn: &Drawn, offsets: &Offsets, scale: f64, cut: f64
     Disagreement { loss: sum / pixels, blank: of_grey / pixels, seen: count as f64 / wanted.values.len() as f64 }
 }
 
-fn for_each_seen(wanted: &Picture, drawn: &Drawn, mut each: impl FnMut(usize)) {
+fn for_each_seen(wanted: &Picture, drawn: &RenderedView, mut each: impl FnMut(usize)) {
     for y in BORDER..wanted.height.saturating_sub(BORDER) {
         for x in BORDER..wanted.width.saturating_sub(BORDER) {
             let at = y * wanted.width + x;
@@ -246,7 +246,7 @@ fn for_each_seen(wanted: &Picture, drawn: &Drawn, mut each: impl FnMut(usize)) {
 
 /// A photograph's offsets and how well they are known.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Aligned {
+pub struct Alignment {
     /// Offsets.
     pub offsets: Offsets,
     /// Inverse of the covariance that the picture alone would give.
@@ -264,14 +264,14 @@ pub fn align(
     target: &Target,
     start: Offsets,
     levels: std::ops::Range<usize>,
-) -> Result<Aligned, CameraError> {
+) -> Result<Alignment, CameraError> {
     let mut offsets = start;
     let mut information = Matrix::identity(NUMBERS, NUMBERS);
     let mut disagreement = Disagreement { loss: f64::INFINITY, blank: 0.0, seen: 0.0 };
     for level in levels {
         (offsets, information, disagreement) = on_level(cloud, target, offsets, level)?;
     }
-    Ok(Aligned { offsets, information, disagreement })
+    Ok(Alignment { offsets, information, disagreement })
 }
 
 fn on_level(
@@ -325,7 +325,7 @@ fn on_level(
 }
 
 /// Deviation of the residuals, from their median size.
-fn noise(wanted: &Picture, drawn: &Drawn, offsets: &Offsets, small: f64) -> f64 {
+fn noise(wanted: &Picture, drawn: &RenderedView, offsets: &Offsets, small: f64) -> f64 {
     let shown = drawn.picture.blurred(offsets.blur * small * small);
     let (gain, bias) = (offsets.gain.exp() as f32, offsets.bias as f32);
     let mut sizes = Vec::new();
@@ -343,7 +343,7 @@ fn noise(wanted: &Picture, drawn: &Drawn, offsets: &Offsets, small: f64) -> f64 
 fn normal(
     target: &Target,
     wanted: &Picture,
-    drawn: &Drawn,
+    drawn: &RenderedView,
     offsets: &Offsets,
     small: f64,
     cut: f64,

@@ -28,7 +28,7 @@ pub struct CameraEffect {
     of: Range<usize>,
     /// Values that are believed.
     pub range: [f64; 2],
-    /// What would tell it from the effects that look like it.
+    /// What would distinguish it from the effects that look like it.
     experiment: &'static str,
 }
 
@@ -159,11 +159,14 @@ pub fn judge(
         )),
         (false, None) => None,
     };
-    judge.look(&Found { accused, confusable, first, none, best, all, before: measured, after: before, left }, options)
+    judge.look(
+        &EffectSearch { accused, confusable, first, none, best, all, before: measured, after: before, left },
+        options,
+    )
 }
 
 /// What the search for effects came to.
-struct Found {
+struct EffectSearch {
     accused: Vec<usize>,
     /// What looks like each of them.
     confusable: Vec<Vec<usize>>,
@@ -215,10 +218,10 @@ impl Judge<'_> {
     }
 
     /// Offsets that effects alone foretell.
-    fn foretold(&self, effects: &[usize], shared: &[f64; SHARED], time: f64) -> Offsets {
+    fn predicted(&self, effects: &[usize], shared: &[f64; SHARED], time: f64) -> Offsets {
         let mut only = [0.0; SHARED];
         effects.iter().flat_map(|&e| EFFECTS[e].of.clone()).for_each(|i| only[i] = shared[i]);
-        plus(&self.together.foretold(&only, time), &self.stated)
+        plus(&self.together.predicted(&only, time), &self.stated)
     }
 
     /// Disagreement of each photograph with these effects as the other photographs have them.
@@ -226,14 +229,14 @@ impl Judge<'_> {
         let fits: Vec<Option<Fit>> = (0..FOLDS).map(|fold| self.fit(effects, all, |i| i % FOLDS != fold)).collect();
         let one = |(i, seen): (usize, &LinearisedWindow)| {
             let Some(fit) = &fits[i % FOLDS] else { return Ok(seen.before.loss) };
-            let offsets = self.foretold(effects, &fit.shared, seen.sighting.time);
+            let offsets = self.predicted(effects, &fit.shared, seen.sighting.time);
             Ok(align::disagreement(self.footage.cloud, &seen.target, &offsets, seen.target.levels() - 1)?.loss)
         };
         self.seen.par_iter().enumerate().map(one).collect()
     }
 
-    fn look(&self, found: &Found, options: &LookOptions) -> Result<Look, CameraError> {
-        let Found { accused, confusable, first, none, best, all, before, after, left } = found;
+    fn look(&self, found: &EffectSearch, options: &LookOptions) -> Result<Look, CameraError> {
+        let EffectSearch { accused, confusable, first, none, best, all, before, after, left } = found;
         let floor: Vec<f64> = self.seen.iter().map(|s| s.aligned.disagreement.loss).collect();
         let mut causes = Vec::new();
         for (k, &effect) in accused.iter().enumerate() {
@@ -410,7 +413,7 @@ impl Judge<'_> {
             let fine = seen.target.pictures.last().expect("a level");
             let size = (fine.width, fine.height);
             let measured = self.drawn(seen, &self.stated, size)?;
-            let after = self.drawn(seen, &self.foretold(effects, &best.shared, seen.sighting.time), size)?;
+            let after = self.drawn(seen, &self.predicted(effects, &best.shared, seen.sighting.time), size)?;
             let grey = |x: f32| [(255.0 * x.clamp(0.0, 1.0)) as u8; 3];
             let difference = |shown: &[f32]| -> Vec<u8> {
                 let pairs = fine.values.iter().zip(shown.chunks_exact(3));

@@ -1,7 +1,7 @@
 //! The camera in the diagnosis: what it sees against what a splat of the place shows at the measured pose.
 //!
 //! Stage one aligns each photograph with the scene and gets what it is off by (`align`); stage two asks which effect of the
-//! camera all photographs share (`model`, `judge`), and tells how far photographs and scene agree in
+//! camera all photographs share (`model`, `judge`), and shows how far photographs and scene agree in
 //! photographs that the fit has not seen. What is accused is decided from that by `qv_gap::decision`. See `docs/visual.md`.
 
 /// Types of these stand in the interface of this crate.

@@ -132,7 +132,7 @@ impl<'a> Together<'a> {
     }
 
     /// What the model foretells of a photograph.
-    pub fn foretold(&self, shared: &[f64; SHARED], time: f64) -> Offsets {
+    pub fn predicted(&self, shared: &[f64; SHARED], time: f64) -> Offsets {
         let place = self.middle * pose_of(&shared[PLACE..PLACE + 6]) * self.middle.inverse();
         let camera_from_world = pose_of(&shared[..6]) * self.nominal(time - shared[DELAY]) * place;
         Offsets {
@@ -145,11 +145,11 @@ impl<'a> Together<'a> {
     }
 
     fn residual(&self, shared: &[f64; SHARED], sighting: &Sighting) -> Numbers {
-        let (seen, foretold) = (&sighting.offsets, self.foretold(shared, sighting.time));
-        let pose = twist_of(&(seen.camera_from_nominal * foretold.camera_from_nominal.inverse()));
+        let (seen, predicted) = (&sighting.offsets, self.predicted(shared, sighting.time));
+        let pose = twist_of(&(seen.camera_from_nominal * predicted.camera_from_nominal.inverse()));
         let [a, b, c, d, e, f] = pose;
-        let (focal, blur) = (seen.focal - foretold.focal, seen.blur - foretold.blur);
-        [a, b, c, d, e, f, focal, blur, seen.gain - foretold.gain, seen.bias - foretold.bias]
+        let (focal, blur) = (seen.focal - predicted.focal, seen.blur - predicted.blur);
+        [a, b, c, d, e, f, focal, blur, seen.gain - predicted.gain, seen.bias - predicted.bias]
     }
 
     /// Factors of the covariances of geometry and of brightness with the sizes of the noise; what they share is left out, as each has tails of

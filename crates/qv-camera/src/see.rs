@@ -1,7 +1,7 @@
 //! Photographs aligned with the scene, one by one.
 
 use crate::CameraError;
-use crate::align::{self, Aligned, Offsets, Target};
+use crate::align::{self, Alignment, Offsets, Target};
 use crate::footage::{Footage, Intrinsics, Photograph, Rig};
 use crate::model::{self, Sighting, Together};
 use crate::path::Path;
@@ -30,7 +30,7 @@ pub struct LookOptions<'a> {
     pub policy: Policy,
     /// Seed of the bootstrap.
     pub seed: u64,
-    /// Told of photographs done and all.
+    /// Reported of photographs done and all.
     pub progress: Option<&'a (dyn Fn(usize, usize) + Sync)>,
 }
 
@@ -51,7 +51,7 @@ pub(crate) struct LinearisedWindow {
     /// As stated.
     pub before: align::Disagreement,
     /// At its own best.
-    pub aligned: Aligned,
+    pub aligned: Alignment,
     pub sighting: Sighting,
 }
 
@@ -85,7 +85,7 @@ pub(crate) fn see(
     let rig = &footage.rig;
     let stated = stated(rig, options.width);
     let count = std::sync::atomic::AtomicUsize::new(0);
-    let told = || {
+    let remarks = || {
         let done = count.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
         if let Some(progress) = options.progress {
             progress(done, 2 * chosen.len());
@@ -98,10 +98,10 @@ pub(crate) fn see(
         let before = align::disagreement(footage.cloud, &target, &stated, target.levels() - 1)?;
         let middle = target.levels() - 1;
         let aligned = align::align(footage.cloud, &target, stated, 0..middle)?;
-        told();
+        remarks();
         Ok((photograph.time, target, before, aligned))
     });
-    let mut coarse: Vec<(f64, Target, align::Disagreement, Aligned)> = coarse.collect::<Result<_, CameraError>>()?;
+    let mut coarse: Vec<(f64, Target, align::Disagreement, Alignment)> = coarse.collect::<Result<_, CameraError>>()?;
     let mut shares: Vec<f64> = coarse.iter().map(|c| c.2.seen).collect();
     let typical = median(&mut shares);
     if typical < IN_VIEW {
@@ -116,7 +116,7 @@ pub(crate) fn see(
         let middle = target.levels() - 2;
         let mut starts = vec![aligned.offsets, stated];
         if let Some((together, fit)) = &common {
-            starts.push(plus(&together.foretold(&fit.shared, time), &stated));
+            starts.push(plus(&together.predicted(&fit.shared, time), &stated));
         }
         let mut best: Option<(f64, Offsets)> = None;
         for start in starts {
@@ -127,7 +127,7 @@ pub(crate) fn see(
         }
         let start = best.map_or(stated, |b| b.1);
         let aligned = align::align(footage.cloud, &target, start, middle..target.levels())?;
-        told();
+        remarks();
         Ok(sighting(time, &aligned, &stated).map(|sighting| LinearisedWindow { target, before, aligned, sighting }))
     });
     let seen: Vec<Option<LinearisedWindow>> = seen.collect::<Result<_, CameraError>>()?;
@@ -141,7 +141,7 @@ pub(crate) fn see(
 }
 
 /// What a photograph is off by beyond what is stated of the camera.
-fn sighting(time: f64, aligned: &Aligned, stated: &Offsets) -> Option<Sighting> {
+fn sighting(time: f64, aligned: &Alignment, stated: &Offsets) -> Option<Sighting> {
     let offsets = Offsets {
         gain: aligned.offsets.gain - stated.gain,
         blur: aligned.offsets.blur - stated.blur,

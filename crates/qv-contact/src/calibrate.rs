@@ -39,7 +39,7 @@ const SEARCH_RANGE: [f64; 2] = [0.05, 1.0];
 pub struct Options<'a> {
     /// Parameters that are known already, such as those of a diagnosis.
     pub given: Vec<(String, f64)>,
-    /// Friction above which feet do not slip enough to tell it (the paper's 0.5): a label whose prior mean and posterior mean are both at
+    /// Friction above which feet do not slip enough to show it (the paper's 0.5): a label whose prior mean and posterior mean are both at
     /// least this keeps its prior, and one with such a prior is left out of the grid search unless feet are seen to slip on it.
     pub slip_threshold: f64,
     /// The one friction of the comparison.
@@ -52,7 +52,7 @@ pub struct Options<'a> {
     pub own_error: f64,
     /// Seconds since some instant.
     pub clock: Option<&'a (dyn Fn() -> f64 + Sync)>,
-    /// Told the share that is done.
+    /// Reported the share that is done.
     pub progress: Option<&'a (dyn Fn(f64) + Sync)>,
 }
 
@@ -170,11 +170,11 @@ struct Job<'a> {
 struct Fit {
     background: Background,
     /// For each label, if it was touched.
-    labels: Vec<Option<Said>>,
+    labels: Vec<Option<LabelEvidence>>,
 }
 
 /// What windows say of one label.
-struct Said {
+struct LabelEvidence {
     grid: Vec<f64>,
     losses: Losses,
     found: Evidence,
@@ -222,8 +222,8 @@ impl<'a> Job<'a> {
         Ok(job)
     }
 
-    /// Tells that simulations of so many ticks have ended.
-    fn tell(&self, ticks: usize) {
+    /// Reports that simulations of so many ticks have ended.
+    fn notify(&self, ticks: usize) {
         let ended = self.ended.fetch_add(ticks, Ordering::Relaxed) + ticks;
         if let Some(progress) = self.options.progress {
             progress((ended as f64 / self.planned.max(1) as f64).min(1.0));
@@ -248,7 +248,7 @@ impl<'a> Job<'a> {
     }
 
     /// What windows say of a label. Where feet slip, a prior that the recording contradicts is left out.
-    fn said(&self, label: usize, grid: Vec<f64>, losses: Losses) -> Said {
+    fn said(&self, label: usize, grid: Vec<f64>, losses: Losses) -> LabelEvidence {
         let found = evidence(&grid, &losses.windows, RANGE);
         let prior = &self.priors[label];
         let after = posterior(prior, &found, RANGE, self.options.own_error);
@@ -259,7 +259,7 @@ impl<'a> Job<'a> {
         let leads = self.slips(label) && alone.mean() < self.options.slip_threshold;
         let is_contradicted = leads && is_apart;
         let lead = leads.then(|| alone.mean());
-        Said { grid, losses, found, after: if is_contradicted { alone } else { after }, lead, is_contradicted }
+        LabelEvidence { grid, losses, found, after: if is_contradicted { alone } else { after }, lead, is_contradicted }
     }
 
     fn is_touched(&self, label: usize) -> bool {
@@ -301,7 +301,7 @@ impl<'a> Job<'a> {
                     label,
                     &frictions,
                     &grid,
-                    &|done| self.tell(done * ticks),
+                    &|done| self.notify(done * ticks),
                 )?;
                 let said = self.said(label, grid, losses);
                 // Others are fitted beside what will be used. Where feet slip, the first rounds go where the recording leads: what is usual
@@ -322,7 +322,7 @@ impl<'a> Job<'a> {
         let start: Vec<f64> = self.priors.iter().map(|p| p.mean).collect();
         let ticks = SEARCHED * self.segments.first().map_or(0, |s| s.ticks);
         let grid = spread(SEARCH_RANGE, SEARCHED);
-        let done = |tasks: usize| self.tell(tasks * ticks);
+        let done = |tasks: usize| self.notify(tasks * ticks);
         segments::search(self.simulator, self.recordings, &self.segments, &start, &self.searched(), &grid, &done)
     }
 
@@ -359,7 +359,9 @@ impl<'a> Job<'a> {
             grid,
             curves: curves(&before, &before),
         };
-        let Some(Said { grid, losses, found, after, is_contradicted, .. }) = &fit.labels[label] else { return region };
+        let Some(LabelEvidence { grid, losses, found, after, is_contradicted, .. }) = &fit.labels[label] else {
+            return region;
+        };
         region.prior_is_contradicted = *is_contradicted;
         let logs: Vec<f64> = after.friction.iter().map(|mu| mu.ln()).collect();
         let loss = |mu: f64| interpolate(&logs, &found.losses, mu.ln());
@@ -415,7 +417,7 @@ impl<'a> Job<'a> {
             of(&|r| r.friction),
         ];
         let ticks = 4 * self.segments.first().map_or(0, |s| s.ticks);
-        let done = |tasks: usize| self.tell(tasks * ticks);
+        let done = |tasks: usize| self.notify(tasks * ticks);
         let errors = base_errors(self.simulator, self.recordings, &self.segments, &sets, &done)?;
         let mean = |wanted: &dyn Fn(&Segment) -> bool| {
             let chosen: Vec<&Vec<f64>> =
@@ -479,7 +481,7 @@ fn notes(regions: &[Region], background_is_all: bool, without_segment: Option<f6
                 r.label, r.information
             )),
             Status::Grips => notes.push(format!(
-                "{}: above the friction at which feet slip: the prior is used, though the recording tells {:.2} ({:.2} to {:.2}); faults of motors \
+                "{}: above the friction at which feet slip: the prior is used, though the recording reports {:.2} ({:.2} to {:.2}); faults of motors \
                  look like friction of such a label",
                 r.label, r.posterior.mean, r.posterior.interval90[0], r.posterior.interval90[1]
             )),

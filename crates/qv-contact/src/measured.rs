@@ -4,7 +4,7 @@ use crate::ContactError;
 use crate::ground::Ground;
 use glam::{DQuat, DVec3};
 use qv_recording::Run;
-use qv_rollout::{Covered, HeldCommands, Overrides, Rollout, Start, Starts};
+use qv_rollout::{CoveredSeries, HeldCommands, Overrides, Rollout, Start, Starts};
 use qv_sim::{Shape, State};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -162,10 +162,10 @@ impl<'r> Recording<'r> {
 }
 
 /// Joints, poses and commands, which may have no hole about a time that is looked at.
-fn needed<'a>(run: &'a Run, commands: &'a HeldCommands) -> Vec<Covered<'a>> {
+fn needed<'a>(run: &'a Run, commands: &'a HeldCommands) -> Vec<CoveredSeries<'a>> {
     let m = &run.measured;
     let series = [&m.position, &m.velocity, &m.gyro, &m.orientation, &m.base_pose];
-    series.into_iter().flatten().chain(commands.pace()).filter(|s| !s.is_empty()).map(Covered::new).collect()
+    series.into_iter().flatten().chain(commands.pace()).filter(|s| !s.is_empty()).map(CoveredSeries::new).collect()
 }
 
 fn instant(rollout: &Rollout, ground: &Ground, state: State) -> Instant {

@@ -117,7 +117,7 @@ pub fn interpolate(grid: &[f64], values: &[f64], x: f64) -> f64 {
 /// neighbouring windows are not independent and no model of theirs is right, so that the sum of all is weighted to give
 /// the least one the spread that clusters show: w = H / V of its bend H and the variance V of its slope (Lyddon, Holmes and
 /// Walker, Biometrika 106, 2019); never more than 1. Where losses do not bend at the least one, the same is asked of their greatest rise D
-/// from there on and its variance between clusters: both are those of a parabola if w = 2 D / V. A single cluster cannot tell, and counts whole.
+/// from there on and its variance between clusters: both are those of a parabola if w = 2 D / V. A single cluster cannot determine, and counts whole.
 pub fn evidence(grid: &[f64], windows: &[(usize, Vec<f64>)], range: [f64; 2]) -> Evidence {
     let logs: Vec<f64> = grid.iter().map(|mu| mu.ln()).collect();
     let friction = fine(range);

@@ -51,7 +51,7 @@ pub struct Prior {
 }
 
 impl Prior {
-    /// A prior with mean and spread put within what friction can be; `source` tells if it was.
+    /// A prior with mean and spread put within what friction can be; `source` shows if it was.
     ///
     /// # Errors
     /// When a number is not finite or not above 0.
@@ -136,7 +136,7 @@ pub fn question(labels: &[String]) -> String {
     let names = labels.iter().map(|l| format!("\"{l}\"")).collect::<Vec<_>>().join(", ");
     format!(
         "A legged robot with rubber feet walks on these ground materials: {names}. For each give the Coulomb friction \
-         coefficient of a rubber foot on it and its standard deviation, as your knowledge of the material tells. Answer \
+         coefficient of a rubber foot on it and its standard deviation, as your knowledge of the material reports. Answer \
          with JSON alone: {{\"LABEL\": {{\"mean\": NUMBER, \"sd\": NUMBER}}, ...}} with every label once."
     )
 }

@@ -10,11 +10,11 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// The recordings tell more than the prior.
+    /// The recordings show more than the prior.
     Refined,
-    /// Feet stood on it, but the recordings tell hardly more than the prior: it is kept.
+    /// Feet stood on it, but the recordings show hardly more than the prior: it is kept.
     Insensitive,
-    /// Feet hardly slip on it by prior and posterior: the prior is used, the posterior told.
+    /// Feet hardly slip on it by prior and posterior: the prior is used, the posterior reported.
     Grips,
     /// No foot stood on it for long enough: the prior is kept.
     NotTouched,
@@ -147,7 +147,7 @@ pub struct WindowCount {
     pub length: f64,
     /// Number.
     pub count: usize,
-    /// Windows that do not ask for friction and tell what is usual; all of them where those are too few.
+    /// Windows that do not ask for friction and show what is usual; all of them where those are too few.
     pub background: usize,
     /// Whether the background is of all windows.
     pub background_is_all: bool,

@@ -66,7 +66,7 @@ impl<'a> Simulator<'a> {
     }
 
     /// States at the `ticks` instants after the start of each task, shape `[tasks][frictions][ticks]`; a simulation that
-    /// ran away has fewer. `done` is told how many tasks have ended since it was last told.
+    /// ran away has fewer. `done` is reported how many tasks have ended since it was last reported.
     ///
     /// # Errors
     /// When a task starts where nothing was measured, or the simulator refuses.

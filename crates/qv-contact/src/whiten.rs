@@ -53,7 +53,7 @@ impl Usual {
     }
 }
 
-/// Fewest differences that tell what is usual.
+/// Fewest differences that show what is usual.
 pub const FEWEST: usize = 30;
 /// Square for each number of a difference beyond which all are equally wrong.
 const WORST: f64 = 1e4;

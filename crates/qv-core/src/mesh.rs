@@ -12,7 +12,7 @@ pub struct Material {
     pub friction: Option<f64>,
 }
 
-/// Colours of labels in pictures: they can be told apart by most (Okabe and Ito 2008), in the order of the labels.
+/// Colours of labels in pictures: they can be distinguished by most (Okabe and Ito 2008), in the order of the labels.
 const LABEL_COLOURS: [[u8; 3]; 8] = [
     [170, 170, 170],
     [0, 158, 115],

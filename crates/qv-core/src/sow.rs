@@ -34,7 +34,7 @@ pub fn sow(mesh: &TriangleMesh, spacing: f64, colour: impl Fn(usize, DVec3) -> [
     cloud
 }
 
-/// Middles of the unit squares that lie within a triangle. One on an edge belongs to both triangles of it: it is given twice, which no eye can tell.
+/// Middles of the unit squares that lie within a triangle. One on an edge belongs to both triangles of it: it is given twice, which no eye can determine.
 fn grid(corners: [[f64; 2]; 3]) -> impl Iterator<Item = [f64; 2]> {
     let ends = move |k: usize| {
         let all = corners.map(|p| p[k]);

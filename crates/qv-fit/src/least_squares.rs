@@ -21,7 +21,7 @@ pub struct Options {
     pub rounds: usize,
     /// Dampings tried in each round, as shares of the curvature.
     pub dampings: Vec<f64>,
-    /// Shares of the undamped step that are tried beside them: dampings leave out what is weakly told, shares do not.
+    /// Shares of the undamped step that are tried beside them: dampings leave out what is weakly reported, shares do not.
     pub shares: Vec<f64>,
     /// A round that lowers the cost by less than this share of it is the last.
     pub fall: f64,
@@ -40,7 +40,7 @@ impl Default for Options {
 
 /// Why a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stopped {
+pub enum StopReason {
     /// The last round gained less than was asked for.
     Fall,
     /// The last step was short.
@@ -65,16 +65,16 @@ pub struct Fit {
     /// Slopes where the last round began: those of the fit itself, where it ended because nothing helped or little was gained.
     pub slopes: Slopes,
     /// Why it ended.
-    pub stopped: Stopped,
+    pub stopped: StopReason,
 }
 
 impl Fit {
-    /// Standard deviations by the curvature alone; infinite where parameters are not told apart.
+    /// Standard deviations by the curvature alone; infinite where parameters are not distinguished.
     pub fn deviations(&self) -> Vec<f64> {
         self.slopes.posterior().map_or(vec![f64::INFINITY; self.values.len()], |c| deviations(&c))
     }
 
-    /// Standard deviations by how blocks differ; infinite where that cannot be told.
+    /// Standard deviations by how blocks differ; infinite where that cannot be reported.
     pub fn block_deviations(&self) -> Vec<f64> {
         self.slopes.sandwich().map_or(vec![f64::INFINITY; self.values.len()], |c| deviations(&c))
     }
@@ -147,22 +147,22 @@ impl<'p> Descent<'p> {
                 None => self.step(evaluate, MORE)?,
                 moved => moved,
             };
-            let Some((gained, length)) = stopped else { return Ok(self.ended(Stopped::Stuck)) };
+            let Some((gained, length)) = stopped else { return Ok(self.ended(StopReason::Stuck)) };
             if gained <= self.options.gain.max(self.options.fall * self.now().abs()) {
-                return Ok(self.ended(Stopped::Fall));
+                return Ok(self.ended(StopReason::Fall));
             }
             if length < self.options.short {
-                return Ok(self.ended(Stopped::Short));
+                return Ok(self.ended(StopReason::Short));
             }
         }
-        Ok(self.ended(Stopped::Rounds))
+        Ok(self.ended(StopReason::Rounds))
     }
 
     fn now(&self) -> f64 {
         self.costs[self.costs.len() - 1]
     }
 
-    fn ended(self, stopped: Stopped) -> Fit {
+    fn ended(self, stopped: StopReason) -> Fit {
         let cost = self.now();
         Fit { values: self.values, cost, costs: self.costs, residuals: self.residuals, slopes: self.slopes, stopped }
     }

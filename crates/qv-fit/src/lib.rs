@@ -12,7 +12,7 @@ mod scatter;
 mod slopes;
 
 pub use error::FitError;
-pub use least_squares::{Fit, Options, Stopped, fit};
+pub use least_squares::{Fit, Options, StopReason, fit};
 pub use linear::{Cholesky, Matrix};
 pub use problem::{Blocks, Differences, Evaluate, Loss, Problem};
 pub use scatter::Scatter;

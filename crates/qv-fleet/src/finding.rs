@@ -100,7 +100,7 @@ fn diagnosis(report: &Value) -> Finding {
     }
 }
 
-/// Frictions that the recordings told; those that stayed with their priors are no measurement.
+/// Frictions that the recordings reported; those that stayed with their priors are no measurement.
 fn contact(report: &Value) -> Finding {
     let regions = items(&report["regions"]).iter().filter(|region| region["status"] == "refined");
     let size = |region: &Value| {

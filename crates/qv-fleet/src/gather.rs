@@ -2,7 +2,7 @@
 
 use crate::finding::{Finding, Key, Size, read};
 use crate::fit::{Estimate, OUTLIER, mean, robust_z, slope};
-use crate::plan::{Command, Plan, Refused, Repeated, Unit};
+use crate::plan::{Command, DuplicateRecording, Plan, RefusedPath, Unit};
 use crate::state::Kind;
 use serde::Serialize;
 use serde_json::Value;
@@ -59,7 +59,7 @@ pub struct Robot {
 
 /// A cause, and who has it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Shared {
+pub struct SharedCause {
     /// The effect.
     pub effect: String,
     /// How many units of which robot accuse it: robot, units with it, units that are done.
@@ -79,7 +79,7 @@ pub struct SizeOf {
     pub parameter: String,
     /// Unit of the values.
     pub unit: String,
-    /// How many units tell it.
+    /// How many units show it.
     pub units: usize,
     /// Mean, with what recordings differ by in its interval.
     pub mean: Estimate,
@@ -132,7 +132,7 @@ pub struct Fleet {
     /// By name.
     pub robots: Vec<Robot>,
     /// Causes, that of most robots first.
-    pub causes: Vec<Shared>,
+    pub causes: Vec<SharedCause>,
     /// By cause, then by robot.
     pub sizes: Vec<SizeOf>,
     /// The threshold of `outliers`: |z| above this.
@@ -142,9 +142,9 @@ pub struct Fleet {
     /// The most frequent first.
     pub failures: Vec<Failure>,
     /// What could not be opened when the plan was made.
-    pub refused: Vec<Refused>,
+    pub refused: Vec<RefusedPath>,
     /// What is there twice.
-    pub repeated: Vec<Repeated>,
+    pub repeated: Vec<DuplicateRecording>,
     /// In the order of the plan.
     pub units: Vec<Line>,
 }
@@ -239,7 +239,7 @@ fn robots(lines: &[Line]) -> Vec<Robot> {
     found.into_values().collect()
 }
 
-fn causes(lines: &[Line], robots: &[Robot]) -> Vec<Shared> {
+fn causes(lines: &[Line], robots: &[Robot]) -> Vec<SharedCause> {
     let mut found: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
     for line in lines {
         // One that is accused of two scopes counts once.
@@ -249,12 +249,12 @@ fn causes(lines: &[Line], robots: &[Robot]) -> Vec<Shared> {
         names.into_iter().for_each(|name| *found.entry(name).or_default().entry(&line.robot).or_default() += 1);
     }
     let done = |name: &str| robots.iter().find(|r| r.robot == name).map_or(0, |r| r.done);
-    let shared = |(effect, by): (&str, BTreeMap<&str, usize>)| Shared {
+    let shared = |(effect, by): (&str, BTreeMap<&str, usize>)| SharedCause {
         effect: effect.into(),
         robots: by.into_iter().map(|(robot, with)| (robot.to_owned(), with, done(robot))).collect(),
     };
-    let mut all: Vec<Shared> = found.into_iter().map(shared).collect();
-    let units = |s: &Shared| s.robots.iter().map(|r| r.1).sum::<usize>();
+    let mut all: Vec<SharedCause> = found.into_iter().map(shared).collect();
+    let units = |s: &SharedCause| s.robots.iter().map(|r| r.1).sum::<usize>();
     all.sort_by_key(|s| std::cmp::Reverse((s.robots.len(), units(s))));
     all
 }

@@ -27,4 +27,4 @@ pub mod state;
 
 pub use error::FleetError;
 pub use hash::sha256;
-pub use plan::{Command, InputFile, Plan, Recording, Refused, Repeated, Task, Unit};
+pub use plan::{Command, DuplicateRecording, InputFile, Plan, Recording, RefusedPath, Task, Unit};

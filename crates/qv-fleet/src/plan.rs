@@ -109,7 +109,7 @@ pub struct Task {
 
 /// A path that is no recording that can be used.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Refused {
+pub struct RefusedPath {
     /// Which.
     pub path: String,
     /// Why.
@@ -118,7 +118,7 @@ pub struct Refused {
 
 /// A recording whose contents are those of another one.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Repeated {
+pub struct DuplicateRecording {
     /// Which.
     pub path: String,
     /// The one that is worked on.
@@ -158,14 +158,14 @@ pub struct Plan {
     /// In the order of robots, then of paths.
     pub units: Vec<Unit>,
     /// What could not be opened.
-    pub refused: Vec<Refused>,
+    pub refused: Vec<RefusedPath>,
     /// What is there twice.
-    pub repeated: Vec<Repeated>,
+    pub repeated: Vec<DuplicateRecording>,
 }
 
 impl Plan {
     /// A plan; `grouped` makes one unit of all recordings of a robot. The order of `recordings` and `refused` is of no matter.
-    pub fn new(task: Task, recordings: Vec<Recording>, mut refused: Vec<Refused>, grouped: bool) -> Self {
+    pub fn new(task: Task, recordings: Vec<Recording>, mut refused: Vec<RefusedPath>, grouped: bool) -> Self {
         let (recordings, mut repeated) = apart(recordings);
         let mut by_robot: BTreeMap<String, Vec<Recording>> = BTreeMap::new();
         recordings.into_iter().for_each(|r| by_robot.entry(r.robot.clone()).or_default().push(r));
@@ -247,7 +247,7 @@ impl Plan {
 }
 
 /// Recordings in order of their paths, each once, and those that are there again.
-fn apart(mut recordings: Vec<Recording>) -> (Vec<Recording>, Vec<Repeated>) {
+fn apart(mut recordings: Vec<Recording>) -> (Vec<Recording>, Vec<DuplicateRecording>) {
     recordings.sort_by(|a, b| a.path.cmp(&b.path));
     let mut first: BTreeMap<String, String> = BTreeMap::new();
     let mut repeated = Vec::new();
@@ -257,7 +257,7 @@ fn apart(mut recordings: Vec<Recording>) -> (Vec<Recording>, Vec<Repeated>) {
             true
         }
         Some(same_as) => {
-            repeated.push(Repeated { path: r.path.clone(), same_as: same_as.clone() });
+            repeated.push(DuplicateRecording { path: r.path.clone(), same_as: same_as.clone() });
             false
         }
     });
@@ -335,7 +335,7 @@ mod tests {
         twice.push(recording("d", "leg", '2'));
         let plan = Plan::new(Task::default(), twice, vec![], true);
         assert_eq!(plan.units.iter().map(|u| u.recordings.len()).collect::<Vec<_>>(), [2, 1]);
-        assert_eq!(plan.repeated, [Repeated { path: "d".into(), same_as: "b".into() }]);
+        assert_eq!(plan.repeated, [DuplicateRecording { path: "d".into(), same_as: "b".into() }]);
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub struct Cost {
 
 /// A unit that is done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Done {
+pub struct UnitRecord {
     format: String,
     /// Its identity.
     pub unit: String,
@@ -42,7 +42,7 @@ pub struct Done {
     pub cost: Cost,
 }
 
-impl Done {
+impl UnitRecord {
     /// The record of a unit whose command ended with `exit_code` and left `report`.
     pub fn new(plan: &Plan, unit: &Unit, exit_code: i32, report: &[u8], cost: Cost) -> Self {
         Self {
@@ -115,7 +115,7 @@ impl Kind {
 
 /// A unit that failed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Failed {
+pub struct FailedUnit {
     format: String,
     /// Its identity.
     pub unit: String,
@@ -127,7 +127,7 @@ pub struct Failed {
     pub cost: Cost,
 }
 
-impl Failed {
+impl FailedUnit {
     /// The record of a unit that failed.
     pub fn new(unit: &Unit, kind: Kind, reason: String, cost: Cost) -> Self {
         Self { format: FAILED.into(), unit: unit.id.clone(), kind, reason, cost }
@@ -161,18 +161,18 @@ mod tests {
     fn only_the_record_of_this_very_work_counts() {
         let (mine, other) = (plan(&[]), plan(&["--seed", "2"]));
         let unit = &mine.units[0];
-        let text = Done::new(&mine, unit, 3, b"{}", Cost::default()).to_text();
-        assert_eq!(Done::read(&text, &mine, unit, b"{}").unwrap().exit_code, 3);
-        assert!(Done::read(&text, &mine, unit, b"{ }").is_none(), "another report");
-        assert!(Done::read(&text, &other, &other.units[0], b"{}").is_none(), "other options");
-        assert!(Done::read(&text[1..], &mine, unit, b"{}").is_none(), "a damaged record");
+        let text = UnitRecord::new(&mine, unit, 3, b"{}", Cost::default()).to_text();
+        assert_eq!(UnitRecord::read(&text, &mine, unit, b"{}").unwrap().exit_code, 3);
+        assert!(UnitRecord::read(&text, &mine, unit, b"{ }").is_none(), "another report");
+        assert!(UnitRecord::read(&text, &other, &other.units[0], b"{}").is_none(), "other options");
+        assert!(UnitRecord::read(&text[1..], &mine, unit, b"{}").is_none(), "a damaged record");
     }
 
     #[test]
     fn failures_are_read_again() {
         let plan = plan(&[]);
-        let failed = Failed::new(&plan.units[0], Kind::Memory, "above 10 MiB".into(), Cost::default());
-        assert_eq!(Failed::read(&failed.to_text(), &plan.units[0]).unwrap(), failed);
+        let failed = FailedUnit::new(&plan.units[0], Kind::Memory, "above 10 MiB".into(), Cost::default());
+        assert_eq!(FailedUnit::read(&failed.to_text(), &plan.units[0]).unwrap(), failed);
         assert!(Kind::Memory.may_pass() && !Kind::Failed.may_pass() && !Kind::InputChanged.may_pass());
     }
 }

@@ -91,7 +91,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1).map(|a| a.parse::<u64>());
     let (rounds, seed) = (arguments.next().transpose()?.unwrap_or(7), arguments.next().transpose()?.unwrap_or(1));
     let model = Model::from_urdf(ARM, &ModelOptions { base: BaseKind::Fixed, ..Default::default() })?;
-    let (mut before, mut after, mut foretold) = (0, 0, 0.0);
+    let (mut before, mut after, mut predicted) = (0, 0, 0.0);
     for round in 0..rounds {
         let mut random = SplitMix64::of(seed, round);
         let (truth, pattern, least, most) = EFFECTS[round as usize % EFFECTS.len()];
@@ -107,13 +107,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (then, _) = first_of(&[recording, second], &model)?;
         before += u64::from(first == truth);
         after += u64::from(then == truth);
-        foretold += best.worth.decides;
+        predicted += best.worth.decides;
         println!(
             "{truth:<24} {size:.4}  first {first:<24} next {} ({:.0} %), then {then}",
             best.motion.name,
             100.0 * best.worth.decides
         );
     }
-    println!("{before} of {rounds} named by the first recording, {after} with the second; foretold {:.1}", foretold);
+    println!("{before} of {rounds} named by the first recording, {after} with the second; foretold {:.1}", predicted);
     Ok(())
 }

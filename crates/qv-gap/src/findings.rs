@@ -1,4 +1,4 @@
-//! What stages hand on to each other and a report tells in the end: plain data, of which all stages may know.
+//! What stages hand on to each other and a report shows in the end: plain data, of which all stages may know.
 
 use qv_rollout::Trace;
 use serde::de::DeserializeOwned;
@@ -40,7 +40,7 @@ pub struct Gap {
     /// Its interval by bootstrap over windows.
     #[serde(deserialize_with = "or_nan")]
     pub closed_ci95: [f64; 2],
-    /// The same share in the windows of the fit, of which there are three times as many; `None` where the camera's gap is told. Sizes are a
+    /// The same share in the windows of the fit, of which there are three times as many; `None` where the camera's gap is reported. Sizes are a
     /// few numbers fitted to thousands: nothing is made good there that is not closed elsewhere, too.
     pub closed_in_fit: Option<f64>,
     /// Unit of before, after, floor.
@@ -107,7 +107,7 @@ pub struct ParameterEstimate {
 
 /// A place in the ranking.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Ranked {
+pub struct RankedEffect {
     /// Name.
     pub effect: String,
     /// Probability that it is there; see `Cause::probability` of the report.
@@ -219,7 +219,7 @@ pub struct Cause {
     pub closed_alone: f64,
     /// Effects that would look alike in this recording.
     pub confusable_with: Vec<String>,
-    /// What would tell them apart.
+    /// What would distinguish them.
     pub separating_experiment: String,
     /// Its first value by recording, where there are several, in the order of their dates.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -239,7 +239,7 @@ pub struct Factor {
 /// What a gap that nothing explains looks most like.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Lead {
-    /// Effects that this recording cannot tell apart, the one that closes most first.
+    /// Effects that this recording cannot determine apart, the one that closes most first.
     pub effects: Vec<String>,
     /// `all`, or joints, legs, feet, for the first of them.
     pub scope: Vec<String>,
@@ -254,7 +254,7 @@ pub struct Lead {
     /// Root mean square error of joint positions in these windows before and with it \[rad\].
     #[serde(deserialize_with = "or_nan")]
     pub joint_rms: [f64; 2],
-    /// What would tell them apart.
+    /// What would distinguish them.
     pub separating_experiment: String,
     /// First value of the first by recording, where there are several, in the order of their dates; to first order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -389,12 +389,12 @@ pub struct TogetherEffect {
     /// Log likelihood ratio of having it, the others at their best without it, in units of what is left.
     #[serde(deserialize_with = "or_nan")]
     pub log_likelihood_ratio: f64,
-    /// Effects that this recording does not tell from it beside the others (correlation above 0.95).
+    /// Effects that this recording does not show from it beside the others (correlation above 0.95).
     pub alike: Vec<String>,
 }
 
 impl TogetherEffect {
-    /// Its name, then those that are not told from it.
+    /// Its name, then those that are not distinguished from it.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         std::iter::once(&self.effect).chain(&self.alike).map(String::as_str)
     }
@@ -515,33 +515,33 @@ struct StoredTrace {
 /// Numbers of some shape, and what JSON holds of them: it has neither infinity nor NaN, both were written as null.
 pub(crate) trait Numbers {
     /// As they are read.
-    type Stored: DeserializeOwned;
+    type JsonForm: DeserializeOwned;
     /// Null as NaN.
-    fn read(stored: Self::Stored) -> Self;
+    fn read(stored: Self::JsonForm) -> Self;
 }
 
 impl Numbers for f64 {
-    type Stored = Option<f64>;
+    type JsonForm = Option<f64>;
     fn read(stored: Option<f64>) -> Self {
         stored.unwrap_or(f64::NAN)
     }
 }
 
 impl Numbers for [f64; 2] {
-    type Stored = [Option<f64>; 2];
-    fn read(stored: Self::Stored) -> Self {
+    type JsonForm = [Option<f64>; 2];
+    fn read(stored: Self::JsonForm) -> Self {
         stored.map(f64::read)
     }
 }
 
 impl<T: Numbers> Numbers for Vec<T> {
-    type Stored = Vec<T::Stored>;
-    fn read(stored: Self::Stored) -> Self {
+    type JsonForm = Vec<T::JsonForm>;
+    fn read(stored: Self::JsonForm) -> Self {
         stored.into_iter().map(T::read).collect()
     }
 }
 
 /// Reads numbers of which some may be null.
 pub(crate) fn or_nan<'de, D: Deserializer<'de>, T: Numbers>(deserializer: D) -> Result<T, D::Error> {
-    T::Stored::deserialize(deserializer).map(T::read)
+    T::JsonForm::deserialize(deserializer).map(T::read)
 }

@@ -5,7 +5,7 @@ use crate::problem::columns::{Column, Columns};
 use qv_rollout::Trace;
 use qv_rollout::law::{self, ActuatorModel};
 use qv_rollout::{Overrides, Rollout, Window};
-use qv_rollout::{Raw, Traced, compare, compare_and_trace};
+use qv_rollout::{Raw, TracedResiduals, compare, compare_and_trace};
 use rayon::prelude::*;
 
 /// Settings simulated at a time: their features are in memory together.
@@ -31,7 +31,7 @@ pub(crate) fn sensitivities(
 ) -> Result<(Nominal, Vec<Vec<Raw>>), GapError> {
     let chosen: Vec<&Window> = windows.iter().collect();
     let alignments = vec![alignment; chosen.len()];
-    let Traced { residuals: base, traces } =
+    let TracedResiduals { residuals: base, traces } =
         compare_and_trace(rollout, &rollout.numerics, &chosen, &[Overrides::new()])?;
     *steps += base.steps;
     let raw = with_law(rollout, &alignments, &chosen, &[Overrides::new()], base.values).remove(0);

@@ -296,7 +296,7 @@ impl<T: Precision> Walk<T> {
                         self.error.add(&self.sim.state(env)?, &exact.state(env)?);
                     }
                 }
-                // What such a run takes tells nothing.
+                // What such a run takes shows nothing.
                 (self.exact, self.seconds) = (Some(exact), f64::INFINITY);
                 self.step += self.held;
                 continue;
@@ -375,7 +375,7 @@ impl Random {
     }
 }
 
-/// CPU time of this thread where the system tells it, else the time of day.
+/// CPU time of this thread where the system shows it, else the time of day.
 struct Clock {
     wall: Instant,
     thread: Option<u64>,

@@ -4,13 +4,14 @@
 
 use qv_go2::messages::{LOW_STATE, LOW_STATE_TYPE, LowState, encode_low_state};
 use qv_go2::{model, wire};
-use qv_recording::plan::{Plan, Wanted};
+use qv_recording::plan::{FieldSelection, Plan};
 use qv_recording::schema::Schema;
 
 fn main() -> Result<(), qv_recording::RecordingError> {
     let message = encode_low_state(&LowState { q: model::STAND, ..Default::default() });
     let schema = Schema::parse(LOW_STATE_TYPE, LOW_STATE)?;
-    let plan = Plan::compile(&schema, &[Wanted { path: "motor_state[].q".into(), elements: wire::motor_on_wire() }])?;
+    let plan =
+        Plan::compile(&schema, &[FieldSelection { path: "motor_state[].q".into(), elements: wire::motor_on_wire() }])?;
     let mut q = [0.0; 12];
     plan.read(&message, &mut q)?;
     for (name, q) in wire::joint_names().iter().zip(q) {

@@ -259,7 +259,7 @@ pub(crate) fn has_torques(run: &Run) -> bool {
     torques(run).is_some() || (run.actuator.kind == ActuatorKind::Pd && is_told)
 }
 
-/// Torques of a recording that can be weighed: measured ones, else those that a torque-controlled robot was told.
+/// Torques of a recording that can be weighed: measured ones, else those that a torque-controlled robot was reported.
 pub(crate) fn torques(run: &Run) -> Option<&JointSeries> {
     let commanded = run.commands.torque.as_ref().filter(|_| run.actuator.kind == ActuatorKind::Torque);
     run.measured.torque.as_ref().or(commanded).filter(|s| !s.is_empty())

@@ -41,7 +41,7 @@ pub struct Judged {
     pub p_blocks: f64,
     /// Probability of a size that moves as much with the bandwidth.
     pub p_bandwidth: f64,
-    /// Whether its values are physical and those that name it are told from zero.
+    /// Whether its values are physical and those that name it are determined from zero.
     pub is_physical: bool,
     /// Share of the excess that it takes away.
     pub share: f64,
@@ -79,7 +79,7 @@ pub struct Decision {
     pub p_gap: f64,
     /// Whether no cause at all is as good as the best by chance.
     pub none_in_set: bool,
-    /// Events that are told.
+    /// Events that are reported.
     pub events: Vec<Event>,
 }
 

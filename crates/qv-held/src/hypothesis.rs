@@ -6,7 +6,7 @@ use crate::regressor::{INERTIAL, modelled, point_mass, second_moments};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// Causes that are told apart by their physics; those of one group may be taken for each other.
+/// Causes that are distinguished by their physics; those of one group may be taken for each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Family {
@@ -38,7 +38,7 @@ pub struct Axis {
     /// Values of these as the robot is stated.
     pub nominal: Vec<f64>,
     /// Value of the parameters where the size is 1, read off the recording: of limits, which are there or not.
-    pub told: Option<f64>,
+    pub remarks: Option<f64>,
     /// Values that are physical.
     pub range: [f64; 2],
 }
@@ -202,7 +202,7 @@ fn of_joints(robot: &Robot, balance: &Balance, (effect, limits): (&JointEffect, 
         unit: effect.unit.into(),
         nominal: moved(joints).iter().map(|name| robot.nominal(name)).collect(),
         parameters: moved(joints),
-        told: (effect.term == Term::Limit).then(|| joints.iter().map(|&j| limits[j]).fold(0.0, f64::max)),
+        remarks: (effect.term == Term::Limit).then(|| joints.iter().map(|&j| limits[j]).fold(0.0, f64::max)),
         range: [joints.iter().map(|&j| effect.range[0] - stated(j)).fold(f64::NEG_INFINITY, f64::max), effect.range[1]],
     };
     // What pushes a joint along takes from the torque of its motor; motor and load both press on the gear.
@@ -240,7 +240,7 @@ fn of_link(robot: &Robot, l: usize, all: &mut Vec<Hypothesis>) {
         unit: unit.into(),
         nominal: vec![robot.nominal(&format!("link.{}.{name}", link.name))],
         parameters: vec![format!("link.{}.{name}", link.name)],
-        told: None,
+        remarks: None,
         range,
     };
     let mass = axis("payload_mass", "kg", [-0.9 * link.mass, MOST]);

@@ -18,7 +18,7 @@ pub(crate) fn cut(run: &Run, span: [f64; 2]) -> Run {
     let all = [&mut m.position, &mut m.velocity, &mut m.torque];
     all.into_iter().flatten().for_each(|series| *series = between(series, span));
     if run.measured.torque.is_none() {
-        // The torque that was told is weighed, and belongs to the rows that are left.
+        // The torque that was reported is weighed, and belongs to the rows that are left.
         return cut;
     }
     cut

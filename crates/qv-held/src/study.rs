@@ -8,7 +8,7 @@ use crate::gram::{Gram, Layout, assemble, totals};
 use crate::hypothesis::{Direction, Nuisance};
 use qv_fit::linear::{Cholesky, Matrix, add_diagonal, add_scaled_matrix, product, transposed_product};
 
-/// How much wider than tolerances a robot is taken to be whose own recordings tell what it is.
+/// How much wider than tolerances a robot is taken to be whose own recordings show what it is.
 const SLACK: f64 = 10.0;
 /// Share of its diagonal that is put onto a sum where columns may be the same.
 const RIDGE: f64 = 1e-9;
@@ -269,7 +269,7 @@ pub(crate) struct Own {
     pub loss: [f64; 2],
 }
 
-/// Fits directions to reduced sums; `None` where they are not told apart.
+/// Fits directions to reduced sums; `None` where they are not distinguished.
 pub(crate) fn fit(sum: &Matrix, directions: &[Direction]) -> Option<Own> {
     let y = sum.nrows() - 1;
     let between = |a: &Direction, b: &Direction| -> f64 {

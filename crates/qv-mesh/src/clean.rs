@@ -73,7 +73,7 @@ pub fn split_fans(mesh: &mut TriangleMesh) {
 
 /// Pieces that were left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Dropped {
+pub struct DroppedPieces {
     /// How many.
     pub count: usize,
     /// Area of the largest of them \[m²\]: a table whose legs were not seen is a piece of its own.
@@ -81,7 +81,7 @@ pub struct Dropped {
 }
 
 /// Keeps the piece with the largest area, and with `least` all others of at least that area \[m²\], too. Returns what was dropped.
-pub fn keep_largest(mesh: &mut TriangleMesh, least: Option<f64>) -> Dropped {
+pub fn keep_largest(mesh: &mut TriangleMesh, least: Option<f64>) -> DroppedPieces {
     let mut pieces = Groups::new(mesh.vertices.len());
     for [a, b, c] in &mesh.triangles {
         pieces.join(*a, *b);
@@ -98,9 +98,9 @@ pub fn keep_largest(mesh: &mut TriangleMesh, least: Option<f64>) -> Dropped {
     found.dedup();
     // The first of equals.
     let largest = found.iter().rev().copied().max_by(|a, b| area[*a as usize].total_cmp(&area[*b as usize]));
-    let Some(largest) = largest else { return Dropped::default() };
+    let Some(largest) = largest else { return DroppedPieces::default() };
     let is_kept = |piece: u32| piece == largest || least.is_some_and(|least| area[piece as usize] >= least);
-    let mut dropped = Dropped::default();
+    let mut dropped = DroppedPieces::default();
     for piece in found.iter().filter(|piece| !is_kept(**piece)) {
         dropped.count += 1;
         dropped.largest = dropped.largest.max(area[*piece as usize]);

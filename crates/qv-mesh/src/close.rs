@@ -12,7 +12,7 @@ const LEAN: DVec2 = DVec2::new(0.006, 0.008);
 
 /// What was closed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Closed {
+pub struct ClosedSurface {
     /// Loops that were filled.
     pub filled: usize,
     /// Those of them that fold over themselves in every direction and got a fan about their middle instead of a triangulation.
@@ -24,8 +24,8 @@ pub struct Closed {
 /// Fills the holes whose rim is at most `perimeter` long \[m\]: the rim is triangulated in the plane that fits it best (constrained
 /// Delaunay; Chew 1989). The longest rim stays when it goes round the whole, counter-clockwise about the normals of the triangles at
 /// it. New triangles carry the label of a triangle at the rim.
-pub fn fill_holes(mesh: &mut TriangleMesh, perimeter: f64) -> Closed {
-    let mut out = Closed::default();
+pub fn fill_holes(mesh: &mut TriangleMesh, perimeter: f64) -> ClosedSurface {
+    let mut out = ClosedSurface::default();
     let loops = rim_loops(mesh);
     let lengths: Vec<f64> = loops.iter().map(|ring| length(mesh, ring)).collect();
     let longest = (0..loops.len()).rev().max_by(|a, b| lengths[*a].total_cmp(&lengths[*b]));
@@ -56,8 +56,8 @@ fn normals_at_vertices(mesh: &TriangleMesh) -> Vec<DVec3> {
 
 /// Closes every rim that is left: nearly upright walls down to a floor `thickness` \[m\] below the lowest point, and the floor. What comes
 /// out has no open edge.
-pub fn close_to_solid(mesh: &mut TriangleMesh, thickness: f64) -> Closed {
-    let mut out = Closed::default();
+pub fn close_to_solid(mesh: &mut TriangleMesh, thickness: f64) -> ClosedSurface {
+    let mut out = ClosedSurface::default();
     let floor = mesh.vertices.iter().map(|v| v.z).fold(f64::INFINITY, f64::min) - thickness;
     let loops = rim_loops(mesh);
     let label_at = labels_at_vertices(mesh);
@@ -233,7 +233,7 @@ mod tests {
         let mut mesh = sheet(20, |i, j| small(i, j) || large(i, j));
         let before = Topology::of(&mesh);
         let found = fill_holes(&mut mesh, 2.0);
-        assert_eq!(found, Closed { filled: 1, by_fan: 0, left: 2 });
+        assert_eq!(found, ClosedSurface { filled: 1, by_fan: 0, left: 2 });
         let after = Topology::of(&mesh);
         assert_eq!((before.open_edges - after.open_edges, after.crowded_edges, after.twisted_edges), (10, 0, 0));
         assert!((after.area - before.area - 0.06).abs() < 0.01, "{} {}", before.area, after.area);

@@ -67,7 +67,7 @@ fn uniform(seed: u64, counter: u64) -> f64 {
 }
 
 /// Compares points of a surface with points of a reference \[m\] at several distances \[m\]. For precision only `counted` count, those of `found`
-/// of which the reference tells something ([`measurable`]); what of the reference was found is asked of all.
+/// of which the reference shows something ([`measurable`]); what of the reference was found is asked of all.
 ///
 /// # Errors
 /// There are no points, one is not finite, or a distance is not positive.
@@ -251,7 +251,7 @@ mod tests {
         let far: Vec<DVec3> = found.iter().map(|p| *p + 10.0).collect();
         let error = register(&far, &reference).unwrap_err().to_string();
         assert!(error.states("points 0.30 0"), "{error}");
-        // Too far off to be found, and told: most of it stays without a counterpart.
+        // Too far off to be found, and reported: most of it stays without a counterpart.
         let turned: Vec<DVec3> = found.iter().map(|p| DQuat::from_rotation_y(2.0) * *p).collect();
         assert!(register(&turned, &reference).unwrap().share < 0.5);
     }

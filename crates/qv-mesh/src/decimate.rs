@@ -83,7 +83,7 @@ pub struct DecimateOptions {
 
 /// What came of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Decimated {
+pub struct Decimation {
     /// Triangles before.
     pub before: usize,
     /// Triangles after; more than asked for when the error would have been too large.
@@ -93,10 +93,10 @@ pub struct Decimated {
 }
 
 /// Collapses edges until a mesh has few enough triangles or would move too far.
-pub fn decimate(mesh: &mut TriangleMesh, options: &DecimateOptions) -> Decimated {
+pub fn decimate(mesh: &mut TriangleMesh, options: &DecimateOptions) -> Decimation {
     let before = mesh.triangles.len();
     if before <= options.triangles {
-        return Decimated { before, after: before, error: 0.0 };
+        return Decimation { before, after: before, error: 0.0 };
     }
     let mut work = Work::new(mesh, options.max_error);
     let mut left = before;
@@ -115,7 +115,7 @@ pub fn decimate(mesh: &mut TriangleMesh, options: &DecimateOptions) -> Decimated
     mesh.labels = (0..mesh.labels.len()).filter(|t| keep(*t)).map(|t| mesh.labels[t]).collect();
     mesh.triangles = (0..mesh.triangles.len()).filter(|t| keep(*t)).map(|t| mesh.triangles[t]).collect();
     drop_unused(mesh);
-    Decimated { before, after: mesh.triangles.len(), error }
+    Decimation { before, after: mesh.triangles.len(), error }
 }
 
 /// Cost as ordered bits, the two vertices, and what their stamps were.

@@ -1,8 +1,8 @@
 //! All steps from depth maps to a collision mesh, one after the other.
 
-use crate::clean::{Dropped, keep_largest, smooth, split_fans};
-use crate::close::{Closed, close_to_solid, fill_holes};
-use crate::decimate::{DecimateOptions, Decimated, decimate};
+use crate::clean::{DroppedPieces, keep_largest, smooth, split_fans};
+use crate::close::{ClosedSurface, close_to_solid, fill_holes};
+use crate::decimate::{DecimateOptions, Decimation, decimate};
 use crate::error::off;
 use crate::labels::{LabelOptions, LabelledPoints, label_faces};
 use crate::{DepthFrame, FuseOptions, MeshError, Topology, Volume, extract, fuse};
@@ -51,15 +51,15 @@ pub struct MeshReport {
     /// Triangles of the surface before anything was done to it.
     pub extracted: usize,
     /// Pieces that were dropped.
-    pub dropped: Dropped,
+    pub dropped: DroppedPieces,
     /// Holes.
-    pub holes: Closed,
+    pub holes: ClosedSurface,
     /// Rims that were closed by walls and a floor.
-    pub rims: Closed,
+    pub rims: ClosedSurface,
     /// Faces that had labelled points nearby.
     pub labelled: usize,
     /// Taking away triangles.
-    pub decimated: Decimated,
+    pub decimated: Decimation,
     /// The mesh that came out.
     pub topology: Topology,
 }

@@ -16,7 +16,7 @@ pub(crate) const SIDE: usize = 8;
 pub(crate) const VOXELS: usize = SIDE * SIDE * SIDE;
 /// Weight of an observation that is trusted fully, in units of a voxel's weight.
 const FULL: f32 = 256.0;
-/// A voxel far behind what a camera sees along the ray is not told by it, however close it is to the plane, in truncations.
+/// A voxel far behind what a camera sees along the ray is not reported by it, however close it is to the plane, in truncations.
 const BEHIND: f32 = 3.0;
 /// Memory of a block beside its voxels: pointer, key and entry of the table, bytes.
 const BLOCK_OVERHEAD: u64 = 64;
@@ -228,7 +228,7 @@ impl Volume {
     /// The frame is not valid.
     pub fn integrate(&mut self, frame: &DepthFrame, index: usize) -> Result<(), MeshError> {
         frame.check(index)?;
-        let seen = Seen {
+        let seen = PreparedFrame {
             planes: planes(frame, self.options.max_depth as f32),
             farthest: (0..frame.depth.len())
                 .filter_map(|i| frame.at(i, self.options.max_depth as f32))
@@ -243,7 +243,7 @@ impl Volume {
 }
 
 /// A frame, prepared.
-struct Seen<'a> {
+struct PreparedFrame<'a> {
     frame: &'a DepthFrame,
     planes: Vec<PixelPlane>,
     /// Greatest depth \[m\].
@@ -252,7 +252,7 @@ struct Seen<'a> {
     truncation: f32,
 }
 
-impl Seen<'_> {
+impl PreparedFrame<'_> {
     /// Adds the frame to one block.
     fn update(&self, block: &mut [Voxel; VOXELS], key: BlockKey) {
         let camera = &self.frame.camera;

@@ -4,7 +4,7 @@
 //! - `scene=FILE,FILE`: reconstructions of the yard with boxes; `sown=[0.03,0.06]` or one number: its true surface, sown with Gaussians so many
 //!   metres apart (0.06 where neither is given). Each episode has one of all, evenly; tests have the first;
 //! - `eye=bare`: the collision geometry in flat colours instead, a training without a reconstruction;
-//! - `legs=ideal`: legs that do at once what they are told, a training without the residual; `legs=CHECKPOINT.bin`: a Go2 that walks in the
+//! - `legs=ideal`: legs that do at once what they are reported, a training without the residual; `legs=CHECKPOINT.bin`: a Go2 that walks in the
 //!   simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it;
 //! - `latency`, `strength`, `slip`: bounds of the [`Effects`] that legs suffer in training;
 //! - `camera`: `wide`, `none`, or the report.json of a diagnosis;
@@ -45,7 +45,7 @@ use yard_scene::Place;
 
 /// Height of a robot's base over the ground \[m\].
 const HEIGHT: f64 = 0.3;
-/// Seeds of the episodes that are tested, and of those whose fit is told: no training draws from them.
+/// Seeds of the episodes that are tested, and of those whose fit is reported: no training draws from them.
 const TESTED: u64 = 777;
 const HELD_OUT: u64 = 778;
 
@@ -261,14 +261,14 @@ fn main() -> Fallible<()> {
     while round < student.rounds_in_all() {
         round += 1;
         let (mut driven, began) = (None, Instant::now());
-        let told = student.round(&stage, legs, &EpisodeSettings::default(), &mut |p| {
+        let result = student.round(&stage, legs, &EpisodeSettings::default(), &mut |p| {
             if p.loss.is_nan() {
                 driven = Some(began.elapsed().as_secs_f64());
             }
         })?;
         let seconds = (driven.unwrap_or(0.0), began.elapsed().as_secs_f64());
         println!(
-            "{told:?}; drove {:.0} of {:.0} s; {:.0} s in all",
+            "{result:?}; drove {:.0} of {:.0} s; {:.0} s in all",
             seconds.0,
             seconds.1,
             clock.elapsed().as_secs_f64()

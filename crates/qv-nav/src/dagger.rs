@@ -5,10 +5,10 @@ use crate::NavError;
 use crate::augment::Change;
 use crate::legs::Legs;
 use crate::loss::{loss, sight_loss};
-use crate::net::{HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Stretch, Turned};
+use crate::net::{HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Stretch, TransposedWeights};
 use crate::pilots::{MixedPilot, NetPilot};
 use crate::recall::RECALL;
-use crate::roll::{Driven, Record, Stage, driven_frames, roll};
+use crate::roll::{EpisodeTrace, Record, Stage, driven_frames, roll};
 pub use crate::settings::TrainSettings;
 use crate::task::{Episode, EpisodeSettings};
 use crate::tune::Critic;
@@ -119,7 +119,7 @@ impl Student {
         self.settings.rounds = rounds.max(self.rounds);
     }
 
-    /// One round: drives until enough is gathered, then learns. `tell` hears how far it is.
+    /// One round: drives until enough is gathered, then learns. `notify` hears how far it is.
     ///
     /// # Errors
     /// When an eye or legs fail, or a number of the network is not finite.
@@ -128,7 +128,7 @@ impl Student {
         stage: &Stage,
         legs: &mut dyn Legs,
         episodes: &EpisodeSettings,
-        tell: &mut dyn FnMut(&Progress),
+        notify: &mut dyn FnMut(&Progress),
     ) -> Result<Progress, NavError> {
         let settings = self.settings.clone();
         let before = self.frames();
@@ -136,7 +136,7 @@ impl Student {
         let part = |within: f64| (rounds + within) / settings.rounds as f64;
         let (round, share) = (self.rounds + 1, part(0.0));
         let mut progress = Progress { round, share, loss: f64::NAN, frames: before, success: None, gains: None };
-        let (mut gathered, mut batch) = (Vec::<Driven>::new(), 0u64);
+        let (mut gathered, mut batch) = (Vec::<EpisodeTrace>::new(), 0u64);
         while driven_frames(&gathered) < settings.frames {
             let seed = Xoshiro256PlusPlus::of(settings.seed, 92 + self.rounds as u64 * 1000, batch).bits();
             let drawn = episodes.draw(stage.world, legs.count(), seed)?;
@@ -148,7 +148,7 @@ impl Student {
             let now = driven_frames(&gathered);
             progress.frames = before + now;
             progress.share = part(0.5 * (now as f64 / settings.frames as f64).min(1.0));
-            tell(&progress);
+            notify(&progress);
         }
         let own = gathered.iter().filter(|d| d.alone).count();
         if own > 0 {
@@ -164,21 +164,26 @@ impl Student {
         for epoch in 0..epochs {
             progress.loss = self.epoch(epoch)?;
             progress.share = part(0.5 + 0.5 * (epoch + 1) as f64 / epochs as f64);
-            tell(&progress);
+            notify(&progress);
         }
         self.rounds += 1;
         Ok(progress)
     }
 
     /// Episodes that student, teacher and drawn commands drive in turn.
-    fn drive(&self, stage: &Stage, legs: &mut dyn Legs, drawn: Vec<Episode>) -> Result<Vec<Driven>, NavError> {
+    fn drive(&self, stage: &Stage, legs: &mut dyn Legs, drawn: Vec<Episode>) -> Result<Vec<EpisodeTrace>, NavError> {
         let mixture = if self.rounds == 0 { self.settings.first } else { self.settings.later };
         let student = NetPilot::new(&self.net, &self.parameters, legs.count());
         let mut pilot = MixedPilot::new(student, stage.world.limits, mixture, legs.count());
         let rolled = roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?;
         let all = drawn.into_iter().zip(rolled);
         Ok(all
-            .map(|(episode, (trial, record))| Driven { alone: mixture.is_alone(&episode), episode, trial, record })
+            .map(|(episode, (trial, record))| EpisodeTrace {
+                alone: mixture.is_alone(&episode),
+                episode,
+                trial,
+                record,
+            })
             .collect())
     }
 
@@ -303,7 +308,7 @@ impl Shard {
         &mut self,
         net: &Net,
         parameters: &[f32],
-        turned: &Turned,
+        turned: &TransposedWeights,
         records: &[Record],
         settings: &TrainSettings,
     ) {
@@ -399,7 +404,7 @@ pub(crate) mod tests {
     fn acting(mut record: Record) -> Record {
         let of = |k: usize| (0.7 * k as f32).sin();
         record.acted = (0..record.len())
-            .map(|k| crate::tune::Acted {
+            .map(|k| crate::tune::StudentAction {
                 action: [0.3 * of(k), 0.1, 0.2],
                 mean: [0.2 * of(k + 1), 0.0, 0.1],
                 deviation: 0.1 + 0.05 * (k % 3) as f32,

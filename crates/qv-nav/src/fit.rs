@@ -1,6 +1,6 @@
 //! How well a network says what the teacher said, output by output, beside the best constant answer: whether it learns at all.
 
-use crate::net::{COMMAND, HIDDEN, Net, OUTPUTS, RAYS, Says, Sees};
+use crate::net::{COMMAND, HIDDEN, Net, NetInput, NetOutput, OUTPUTS, RAYS};
 use crate::recall::RECALL;
 use crate::roll::Record;
 use rayon::prelude::*;
@@ -36,23 +36,23 @@ pub struct Fit {
 impl Fit {
     /// Of a network over whole episodes, its memory running as it does when it drives.
     pub fn of(net: &Net, parameters: &[f32], records: &[Record]) -> Self {
-        let outputs: Vec<Vec<Says>> = records.par_iter().map(|r| outputs(net, parameters, r)).collect();
+        let outputs: Vec<Vec<NetOutput>> = records.par_iter().map(|r| outputs(net, parameters, r)).collect();
         let pairs =
             || outputs.iter().zip(records).flat_map(|(out, r)| out.iter().enumerate().map(move |(t, o)| (o, r, t)));
         let decisions = pairs().count();
         let mean = |sum: f64, count: usize| if count > 0 { sum / count as f64 } else { 0.0 };
         let over_all =
-            |f: &dyn Fn(&Says, &Record, usize) -> f64| mean(pairs().map(|(o, r, t)| f(o, r, t)).sum(), decisions);
+            |f: &dyn Fn(&NetOutput, &Record, usize) -> f64| mean(pairs().map(|(o, r, t)| f(o, r, t)).sum(), decisions);
         let means: [f64; COMMAND] = [0, 1, 2].map(|k| over_all(&|_, r, t| f64::from(r.commands[t][k])));
         let error = |k: usize| over_all(&|o, r, t| f64::from(o.out[k] - r.commands[t][k]).powi(2));
         let spread = |k: usize| over_all(&|_, r, t| (f64::from(r.commands[t][k]) - means[k]).powi(2));
         let visible = |r: &Record, t: usize| r.cones[t][3] > 0.5;
-        let over = |of: &dyn Fn(&Record, usize) -> bool, f: &dyn Fn(&Says, &[f32; 4]) -> f64| {
+        let over = |of: &dyn Fn(&Record, usize) -> bool, f: &dyn Fn(&NetOutput, &[f32; 4]) -> f64| {
             let chosen: Vec<f64> = pairs().filter(|(_, r, t)| of(r, *t)).map(|(o, r, t)| f(o, &r.cones[t])).collect();
             mean(chosen.iter().sum(), chosen.len())
         };
         let off_rays = |first: usize| {
-            let off = |o: &Says, r: &Record, t: usize| -> f64 {
+            let off = |o: &NetOutput, r: &Record, t: usize| -> f64 {
                 let rays = first..first + RAYS;
                 rays.map(|k| f64::from((o.sight[k] - r.sights[t][k]).abs())).sum::<f64>() / RAYS as f64
             };
@@ -79,7 +79,7 @@ impl Fit {
 }
 
 /// What the network says at each decision of an episode.
-fn outputs(net: &Net, parameters: &[f32], record: &Record) -> Vec<Says> {
+fn outputs(net: &Net, parameters: &[f32], record: &Record) -> Vec<NetOutput> {
     let (mut scratch, mut memory) = (net.scratch(), vec![0.0; HIDDEN]);
     let states = record.states.chunks_exact(crate::net::STATE).zip(record.recalls.chunks_exact(RECALL));
     let pictures = record.pictures.chunks_exact(net.picture_len());
@@ -87,12 +87,12 @@ fn outputs(net: &Net, parameters: &[f32], record: &Record) -> Vec<Says> {
         .zip(states)
         .map(|(bytes, (state, recall))| {
             let picture: Vec<f32> = bytes.iter().map(|&b| f32::from(b)).collect();
-            net.step(parameters, &Sees { picture: &picture, state, recall }, &mut memory, &mut scratch)
+            net.step(parameters, &NetInput { picture: &picture, state, recall }, &mut memory, &mut scratch)
         })
         .collect()
 }
 
-fn off_bearing(says: &Says, cone: &[f32; 4]) -> f64 {
+fn off_bearing(says: &NetOutput, cone: &[f32; 4]) -> f64 {
     between([says.out[COMMAND], says.out[COMMAND + 1]], [cone[0], cone[1]])
 }
 

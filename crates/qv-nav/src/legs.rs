@@ -150,7 +150,7 @@ impl Default for Response {
 }
 
 impl Response {
-    /// That of ideal legs: they do at once what they are told.
+    /// That of ideal legs: they do at once what they are reported.
     pub fn ideal() -> Self {
         Self { gains: [[1.0; 2]; 3], lag: [0.0; 2] }
     }

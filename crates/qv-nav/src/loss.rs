@@ -1,7 +1,7 @@
 //! What a decision costs: how far the command is from the teacher's, or what PPO loses by it, and how far what the network knows is from the truth.
 
 use crate::net::{COMMAND, KNOWN, OUTPUTS, SIGHT};
-use crate::roll::{Acted, Record};
+use crate::roll::{Record, StudentAction};
 use crate::settings::{PolicySettings, TrainSettings};
 
 /// Loss of one decision, and its gradient by what came out before tanh and the logistic function.
@@ -40,7 +40,7 @@ pub(crate) fn loss(raw: &[f32], record: &Record, step: usize, settings: &TrainSe
 
 /// What PPO loses by one decision, and its gradient by the commands that the network says now: the clipped objective (Schulman et al. 2017, eq. 7) of
 /// normal distributions about them, of the deviation that the command was drawn with.
-fn surrogate(policy: &PolicySettings, acted: &Acted, said: &[f32; COMMAND]) -> (f32, [f32; COMMAND]) {
+fn surrogate(policy: &PolicySettings, acted: &StudentAction, said: &[f32; COMMAND]) -> (f32, [f32; COMMAND]) {
     let precision = 1.0 / (acted.deviation * acted.deviation);
     let log_ratio: f32 = (0..COMMAND)
         .map(|k| 0.5 * precision * ((acted.action[k] - acted.mean[k]).powi(2) - (acted.action[k] - said[k]).powi(2)))
@@ -131,7 +131,7 @@ mod tests {
             for spread in [0.05, 0.25] {
                 let of = |n: usize| spread * ((3 * k + n) as f32).sin();
                 let (action, mean) = ([of(1), of(2), of(3)], [of(4), of(5), of(6)]);
-                let acted = Acted { action, mean, deviation: 0.3, advantage };
+                let acted = StudentAction { action, mean, deviation: 0.3, advantage };
                 let said = [of(7), of(8), of(9)];
                 let (_, gradient) = surrogate(&policy, &acted, &said);
                 flat += usize::from(gradient == [0.0; COMMAND]);
@@ -153,12 +153,12 @@ mod tests {
         assert!((1..8).contains(&flat), "some are clipped and some are not: {flat}");
         // The ratio of normal densities of deviation 0.3: exp((0.1^2 - 0.05^2) / (2 0.3^2)), within what is clipped at.
         let (action, mean) = ([0.1, 0.0, 0.0], [0.0; 3]);
-        let acted = Acted { action, mean, deviation: 0.3, advantage: 1.0 };
+        let acted = StudentAction { action, mean, deviation: 0.3, advantage: 1.0 };
         let (loss, _) = surrogate(&policy, &acted, &[0.05, 0.0, 0.0]);
         let expected = -policy.weight * ((0.01f32 - 0.0025) / 0.18).exp();
         assert!((loss - expected).abs() < 1e-6, "{loss} {expected}");
         // Where nothing has changed, the ratio is one: the loss is the advantage.
-        let acted = Acted { action: [0.2, 0.0, 0.1], deviation: 0.3, advantage: 1.5, ..Default::default() };
+        let acted = StudentAction { action: [0.2, 0.0, 0.1], deviation: 0.3, advantage: 1.5, ..Default::default() };
         let (loss, gradient) = surrogate(&policy, &acted, &[0.0; 3]);
         assert!((loss + 1.5 * policy.weight).abs() < 1e-6 && gradient[0] < 0.0, "{loss} {gradient:?}");
     }

@@ -37,7 +37,7 @@ pub fn camera(report: &Value, rig: &Rig) -> Result<(LensSpread, Rig), NavError> 
     }
     // Of the photographs' pixels to those of the network's picture.
     let pixel = WIDTH as f64 / columns;
-    let between = |x: &Shared, most: f64, scale: f64| {
+    let between = |x: &SharedEstimate, most: f64, scale: f64| {
         [x.middle - 2.0 * x.spread, x.middle + 2.0 * x.spread].map(|x| (scale * x).clamp(0.0, most))
     };
     let wide = LensSpread::wide();
@@ -55,12 +55,12 @@ pub fn camera(report: &Value, rig: &Rig) -> Result<(LensSpread, Rig), NavError> 
 }
 
 /// A number that all photographs share, and twice its variance's root.
-struct Shared {
+struct SharedEstimate {
     middle: f64,
     spread: f64,
 }
 
-fn shared(visual: &Value, name: &str) -> Result<Shared, NavError> {
+fn shared(visual: &Value, name: &str) -> Result<SharedEstimate, NavError> {
     let all = visual["shared"].as_array().map_or(&[][..], Vec::as_slice);
     let found = all.iter().find(|p| p["name"] == name);
     let found = found.ok_or_else(|| NavError::value("visual.shared", &format!("`{name}`"), "none"))?;
@@ -69,7 +69,7 @@ fn shared(visual: &Value, name: &str) -> Result<Shared, NavError> {
     if low > high {
         return Err(NavError::value(&format!("visual.shared, {name}"), "an interval", format!("{low} to {high}")));
     }
-    Ok(Shared { middle: of(&found["value"])?, spread: SQRT_2 * 0.5 * (high - low) / HALF })
+    Ok(SharedEstimate { middle: of(&found["value"])?, spread: SQRT_2 * 0.5 * (high - low) / HALF })
 }
 
 /// Values along x, y, z, and the greatest spread of the three.

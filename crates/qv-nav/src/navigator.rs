@@ -94,10 +94,10 @@ fn sized<const N: usize>(name: &str, numbers: Option<Vec<f32>>) -> Result<[f32; 
     numbers.unwrap_or_default().try_into().map_err(wrong)
 }
 
-/// Two positive lengths, as the policy's file tells them.
-fn half_sides(told: &str) -> Result<DVec2, NavError> {
-    let wrong = || NavError::value("policy.onnx, half_sides", "two positive lengths", format!("`{told}`"));
-    let sides: Vec<f64> = told.split_whitespace().map(str::parse).collect::<Result<_, _>>().map_err(|_| wrong())?;
+/// Two positive lengths, as the policy's file shows them.
+fn half_sides(result: &str) -> Result<DVec2, NavError> {
+    let wrong = || NavError::value("policy.onnx, half_sides", "two positive lengths", format!("`{result}`"));
+    let sides: Vec<f64> = result.split_whitespace().map(str::parse).collect::<Result<_, _>>().map_err(|_| wrong())?;
     match sides[..] {
         [x, y] if x > 0.0 && y > 0.0 && x.is_finite() && y.is_finite() => Ok(DVec2::new(x, y)),
         _ => Err(wrong()),

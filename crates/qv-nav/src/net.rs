@@ -206,7 +206,7 @@ pub struct Scratch {
 
 /// Weights as the way back reads them.
 #[derive(Debug, Clone)]
-pub struct Turned {
+pub struct TransposedWeights {
     convolutions: Vec<Vec<f32>>,
     dense: Vec<f32>,
     sight: Vec<f32>,
@@ -218,7 +218,7 @@ pub struct Turned {
 
 /// What a network sees at a decision.
 #[derive(Debug, Clone, Copy)]
-pub struct Sees<'a> {
+pub struct NetInput<'a> {
     /// 0 to 255, `[height][width][3]`, fractions allowed.
     pub picture: &'a [f32],
     /// [`STATE`] numbers.
@@ -229,7 +229,7 @@ pub struct Sees<'a> {
 
 /// What it says, each number within its range.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Says {
+pub struct NetOutput {
     /// [`OUTPUTS`] and [`KNOWN`].
     pub out: [f32; OUTPUTS + KNOWN],
     /// See [`SIGHT`].
@@ -362,7 +362,7 @@ impl Net {
     }
 
     /// The weights as the way back reads them.
-    pub fn turned(&self, parameters: &[f32]) -> Turned {
+    pub fn turned(&self, parameters: &[f32]) -> TransposedWeights {
         let turn = |layer: &Dense| {
             let mut out = vec![0.0; padded(layer.inputs) * padded(layer.outputs)];
             layer.turn(parameters, &mut out);
@@ -371,7 +371,7 @@ impl Net {
         let (gru, (dense, head)) =
             rayon::join(|| self.gru.turned(parameters), || (turn(&self.dense), turn(&self.head)));
         let convolutions = self.convolutions.iter().map(|c| turn(&c.dense)).collect();
-        Turned {
+        TransposedWeights {
             convolutions,
             dense,
             sight: turn(&self.sight),
@@ -401,7 +401,7 @@ impl Net {
     }
 
     /// One decision. `memory`, [`HIDDEN`] numbers that begin as zeros, becomes the next one.
-    pub fn step(&self, parameters: &[f32], sees: &Sees, memory: &mut [f32], scratch: &mut Scratch) -> Says {
+    pub fn step(&self, parameters: &[f32], sees: &NetInput, memory: &mut [f32], scratch: &mut Scratch) -> NetOutput {
         let picture: Vec<f32> = sees.picture.iter().map(|&x| scaled(x)).collect();
         let Scratch { patches, pictures, gru, .. } = scratch;
         self.see(parameters, (&picture, sees.state), patches, pictures);
@@ -424,7 +424,7 @@ impl Net {
         elu(&mut head);
         self.last.forward(parameters, 1, &head, &mut out);
         finish(&mut out);
-        Says { out: std::array::from_fn(|k| out[k]), sight: std::array::from_fn(|k| sight[k]) }
+        NetOutput { out: std::array::from_fn(|k| out[k]), sight: std::array::from_fn(|k| sight[k]) }
     }
 
     /// A stretch of sequences; `memory` holds a row for each of them and becomes those after the stretch.
@@ -486,7 +486,7 @@ impl Net {
     /// Adds the gradient of the parameters, given those of [`Pass::raw`] and [`Pass::sight`] (padded rows).
     pub fn backward(
         &self,
-        turned: &Turned,
+        turned: &TransposedWeights,
         stretch: &Stretch,
         pass: &mut Pass,
         [of_raw, of_sight]: [&[f32]; 2],
@@ -540,7 +540,7 @@ impl Net {
 
     fn see_back(
         &self,
-        turned: &Turned,
+        turned: &TransposedWeights,
         (bytes, state): (&[u8], &[f32]),
         outputs: &[Vec<f32>],
         of_features: &[f32],
@@ -614,7 +614,7 @@ mod tests {
                 .collect();
             let (state, recall) =
                 (&stretch.states[sample * STATE..][..STATE], &stretch.recalls[sample * RECALL..][..RECALL]);
-            let says = net.step(&parameters, &Sees { picture: &picture, state, recall }, &mut own, &mut scratch);
+            let says = net.step(&parameters, &NetInput { picture: &picture, state, recall }, &mut own, &mut scratch);
             let mut expected = pass.raw[sample * RAW..][..RAW].to_vec();
             finish(&mut expected);
             assert_eq!(says.out[..], expected[..OUTPUTS + KNOWN], "sample {sample}");

@@ -1,11 +1,11 @@
 //! The same view photographed and drawn, with a cone in both: what a network says of the one beside what it says of the other.
 //!
 //! A policy learns from pictures that are drawn, and walks by pictures that are taken. Photographs of the place that the reconstruction did not
-//! learn from tell whether that matters, before a robot walks. A cone that no photograph shows is laid into both pictures alike.
+//! learn from show whether that matters, before a robot walks. A cone that no photograph shows is laid into both pictures alike.
 
 use crate::NavError;
 use crate::eye::{Eye, Shot, SplatEye};
-use crate::net::{HEIGHT, HIDDEN, Net, Sees, WIDTH};
+use crate::net::{HEIGHT, HIDDEN, Net, NetInput, WIDTH};
 use crate::recall::RECALL;
 use crate::roll::{sight, state_of};
 use crate::score::{mcnemar, wilson};
@@ -42,7 +42,7 @@ pub struct Pair {
 
 /// What a network says of one kind of picture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Found {
+pub struct PictureScores {
     /// Views with a cone in which it says that it sees it.
     pub seen: usize,
     /// Their share, and Wilson's interval of 95 %.
@@ -67,9 +67,9 @@ pub struct Agreement {
     /// Questions for a colour in views without one.
     pub questions: usize,
     /// Of drawn pictures.
-    pub drawn: Found,
+    pub drawn: PictureScores,
     /// Of photographs.
-    pub photographed: Found,
+    pub photographed: PictureScores,
     /// McNemar's exact p of whether the cone is seen.
     pub p: f64,
 }
@@ -171,7 +171,7 @@ fn bytes(picture: &[f32]) -> Vec<u8> {
 }
 
 /// What a network says of a picture's cone: whether it is seen, how far bearing \[rad\] and logarithm of the distance are off.
-struct Said {
+struct ConeAnswer {
     is_seen: bool,
     off: Option<(f64, f64)>,
 }
@@ -182,14 +182,14 @@ pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
     let mut ask = |pair: &Pair, picture: &[u8], colour: usize| {
         let picture: Vec<f32> = picture.iter().map(|&b| f32::from(b)).collect();
         let state = state_of(colour, &pair.base);
-        let sees = Sees { picture: &picture, state: &state, recall: &[0.0; RECALL] };
+        let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
         let said = net.step(parameters, &sees, &mut [0.0; HIDDEN], &mut scratch).sight.map(f64::from);
         let off = pair.goal.map(|goal| {
             let truth = sight(world, &pair.base, &goal, &[]).map(f64::from);
             let turn = said[0].atan2(said[1]) - truth[0].atan2(truth[1]);
             (turn.sin().atan2(turn.cos()).abs(), (said[2] - truth[2]).abs())
         });
-        Said { is_seen: said[3] > 0.5, off }
+        ConeAnswer { is_seen: said[3] > 0.5, off }
     };
     let mut of = |kind: fn(&Pair) -> &[u8]| {
         let (mut with, mut imagined) = (Vec::new(), 0);
@@ -202,7 +202,7 @@ pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
         (with, imagined)
     };
     let (drawn, photographed) = (of(|pair| &pair.drawn), of(|pair| &pair.photographed));
-    let only = |a: &[Said], b: &[Said]| a.iter().zip(b).filter(|(a, b)| a.is_seen && !b.is_seen).count();
+    let only = |a: &[ConeAnswer], b: &[ConeAnswer]| a.iter().zip(b).filter(|(a, b)| a.is_seen && !b.is_seen).count();
     let views = drawn.0.len();
     Agreement {
         views,
@@ -213,13 +213,13 @@ pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
     }
 }
 
-fn found(said: &[Said], imagined: usize) -> Found {
+fn found(said: &[ConeAnswer], imagined: usize) -> PictureScores {
     let seen: Vec<(f64, f64)> = said.iter().filter(|s| s.is_seen).filter_map(|s| s.off).collect();
     let middle = |which: fn(&(f64, f64)) -> f64| {
         let mut off: Vec<f64> = seen.iter().map(which).collect();
         (!off.is_empty()).then(|| statistics::median(&mut off))
     };
-    Found {
+    PictureScores {
         seen: seen.len(),
         share: seen.len() as f64 / said.len().max(1) as f64,
         interval: wilson(seen.len(), said.len()),
@@ -287,10 +287,10 @@ mod tests {
         let turned = Cone { place: [-2.9, -2.9, 0.0], ..goal };
         assert_eq!(eye.shown(&shot(turned)).unwrap(), 0.0, "out of the picture");
         // One that is asked for stands before the wall, or sticks out of it.
-        let told = pairs(&world, &behind, &photograph, 4, 3).unwrap();
+        let result = pairs(&world, &behind, &photograph, 4, 3).unwrap();
         let ahead = |goal: &Cone| (goal.axis() - base.position.truncate()).dot(forward.truncate());
-        assert!(ahead(&goal) > 0.6 && told[0].goal.is_none());
-        assert!(told[1..].iter().filter_map(|pair| pair.goal.as_ref()).all(|goal| ahead(goal) < 0.6 + goal.radius()));
+        assert!(ahead(&goal) > 0.6 && result[0].goal.is_none());
+        assert!(result[1..].iter().filter_map(|pair| pair.goal.as_ref()).all(|goal| ahead(goal) < 0.6 + goal.radius()));
 
         let narrow = Photograph { camera: Camera { fx: 4.0 * large.fx, ..large }, ..photograph.clone() };
         assert!(pairs(&world, &eye, &narrow, 4, 3).unwrap().is_empty(), "it shows less than the robot's camera");
@@ -298,9 +298,9 @@ mod tests {
         // Who says the same of both pictures agrees; who says that nothing is seen finds nothing.
         let net = Net::default();
         let mut parameters = net.draw(&mut Xoshiro256PlusPlus::new(1));
-        let told = agreement(&world, &net, &parameters, &found);
-        assert_eq!((told.views, told.questions), (found.len() - 1, COLOURS.len()));
-        assert!((0.0..=1.0).contains(&told.p) && told.drawn.share <= 1.0);
+        let result = agreement(&world, &net, &parameters, &found);
+        assert_eq!((result.views, result.questions), (found.len() - 1, COLOURS.len()));
+        assert!((0.0..=1.0).contains(&result.p) && result.drawn.share <= 1.0);
         parameters.fill(0.0);
         let nothing = agreement(&world, &net, &parameters, &found);
         assert_eq!((nothing.drawn, nothing.p), (nothing.photographed, 1.0));

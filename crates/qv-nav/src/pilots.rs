@@ -1,7 +1,7 @@
 //! Who decides: the network, the teacher, both in turn, and a follower of coloured blobs.
 
-use crate::net::{HEIGHT, HIDDEN, KNOWN, Net, OUTPUTS, SIGHT, Says, Scratch, Sees, WIDTH};
-use crate::roll::{Decision, Pilot, Seen};
+use crate::net::{HEIGHT, HIDDEN, KNOWN, Net, NetInput, NetOutput, OUTPUTS, SIGHT, Scratch, WIDTH};
+use crate::roll::{Decision, Pilot, PilotInput};
 use crate::task::{Episode, Limits};
 use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
@@ -13,14 +13,19 @@ pub struct NetPilot<'a> {
     parameters: &'a [f32],
     robots: Vec<(Vec<f32>, Scratch)>,
     /// What it said at the last decision of each robot.
-    pub said: Vec<Says>,
+    pub said: Vec<NetOutput>,
 }
 
 impl<'a> NetPilot<'a> {
     /// For `count` robots.
     pub fn new(net: &'a Net, parameters: &'a [f32], count: usize) -> Self {
         let robots = (0..count).map(|_| (vec![0.0; HIDDEN], net.scratch())).collect();
-        Self { net, parameters, robots, said: vec![Says { out: [0.0; OUTPUTS + KNOWN], sight: [0.0; SIGHT] }; count] }
+        Self {
+            net,
+            parameters,
+            robots,
+            said: vec![NetOutput { out: [0.0; OUTPUTS + KNOWN], sight: [0.0; SIGHT] }; count],
+        }
     }
 }
 
@@ -29,19 +34,19 @@ impl Pilot for NetPilot<'_> {
         self.robots[env].0.fill(0.0);
     }
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
-        let mut of_env: Vec<Option<&Seen>> = vec![None; self.robots.len()];
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
+        let mut of_env: Vec<Option<&PilotInput>> = vec![None; self.robots.len()];
         seen.iter().for_each(|s| of_env[s.env] = Some(s));
         let (net, parameters) = (self.net, self.parameters);
         let robots = self.robots.par_iter_mut().zip(&mut self.said).zip(of_env);
         robots.for_each(|(((memory, scratch), out), seen)| {
             if let Some(seen) = seen {
                 let picture: Vec<f32> = seen.picture.iter().map(|&b| f32::from(b)).collect();
-                let sees = Sees { picture: &picture, state: seen.state, recall: seen.recall };
+                let sees = NetInput { picture: &picture, state: seen.state, recall: seen.recall };
                 *out = net.step(parameters, &sees, memory, scratch);
             }
         });
-        let says = |s: &Seen| &self.said[s.env];
+        let says = |s: &PilotInput| &self.said[s.env];
         seen.iter()
             .map(|s| Decision { command: [0, 1, 2].map(|k| says(s).out[k]), sight: Some(says(s).sight) })
             .collect()
@@ -57,7 +62,7 @@ pub struct TeacherPilot {
 impl Pilot for TeacherPilot {
     fn begin(&mut self, _env: usize, _episode: &Episode) {}
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         seen.iter().map(|s| Decision { command: self.limits.shares(s.advice.command), sight: None }).collect()
     }
 }
@@ -75,7 +80,7 @@ pub struct Mixture {
     /// Mean number of decisions until the driver changes.
     pub stretch: f32,
     /// Share of the episodes in which the robot recalls the truth with errors instead of what the network says of its pictures.
-    pub told: f32,
+    pub goal_given: f32,
 }
 
 /// Who drives now.
@@ -98,14 +103,15 @@ pub struct MixedPilot<'a> {
 struct Drives {
     driver: Driver,
     alone: bool,
-    told: bool,
+    goal_given: bool,
     random: Xoshiro256PlusPlus,
 }
 
 impl<'a> MixedPilot<'a> {
     /// For `count` robots.
     pub fn new(student: NetPilot<'a>, limits: Limits, mixture: Mixture, count: usize) -> Self {
-        let idle = |_| Drives { driver: Driver::Teacher, alone: false, told: true, random: Xoshiro256PlusPlus::new(0) };
+        let idle =
+            |_| Drives { driver: Driver::Teacher, alone: false, goal_given: true, random: Xoshiro256PlusPlus::new(0) };
         let drivers = (0..count).map(idle).collect();
         Self { student, limits, mixture, drivers }
     }
@@ -135,14 +141,14 @@ impl Pilot for MixedPilot<'_> {
         let mut random = Xoshiro256PlusPlus::of(episode.seed, 88, 0);
         let alone = self.mixture.is_alone(episode);
         let driver = if alone { Driver::Student } else { self.mixture.draw(&mut random) };
-        let told = random.unit() < self.mixture.told;
-        self.drivers[env] = Drives { driver, alone, told, random };
+        let goal_given = random.unit() < self.mixture.goal_given;
+        self.drivers[env] = Drives { driver, alone, goal_given, random };
     }
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         // Without it, its memory is of no use either: a first round need not run the network.
-        let Mixture { alone, taught, stray, told, stretch } = self.mixture;
-        let absent = alone <= 0.0 && taught + stray >= 1.0 && told >= 1.0;
+        let Mixture { alone, taught, stray, goal_given, stretch } = self.mixture;
+        let absent = alone <= 0.0 && taught + stray >= 1.0 && goal_given >= 1.0;
         let nothing = Decision { command: [0.0; 3], sight: None };
         let mut out = if absent { vec![nothing; seen.len()] } else { self.student.decide(seen) };
         for (out, s) in out.iter_mut().zip(seen) {
@@ -155,7 +161,7 @@ impl Pilot for MixedPilot<'_> {
                 Driver::Teacher => out.command = self.limits.shares(s.advice.command),
                 Driver::Stray(command) => out.command = command,
             }
-            if drives.told {
+            if drives.goal_given {
                 out.sight = None;
             }
         }
@@ -204,7 +210,7 @@ impl BlobPilot {
 impl Pilot for BlobPilot {
     fn begin(&mut self, _env: usize, _episode: &Episode) {}
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         seen.iter()
             .map(|s| {
                 let (count, column, lowest) = Self::blob(s.picture, s.colour);

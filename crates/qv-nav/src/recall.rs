@@ -27,7 +27,7 @@ pub const RINGS: [f64; 9] = [0.25, 0.4, 0.55, 0.75, 1.0, 1.5, 2.2, 3.3, 5.0];
 pub const RECALL: usize = 2 * SECTORS * (RINGS.len() - 1) + 5 + 5 + 4;
 /// Bearing from one ray to the next \[rad\]; they lie evenly about straight ahead.
 pub const RAY_STEP: f64 = 0.08;
-/// Greatest distance that a ray can tell \[m\], and least.
+/// Greatest distance that a ray can determine \[m\], and least.
 pub const FARTHEST: f64 = 6.0;
 /// See [`FARTHEST`].
 pub const NEAREST: f64 = 0.05;
@@ -123,7 +123,7 @@ impl Odometer {
 
 /// What was seen of a cone.
 #[derive(Debug, Clone, Copy)]
-struct Spotted {
+struct ConeSighting {
     place: DVec2,
     decisions: f64,
 }
@@ -144,7 +144,7 @@ pub struct Recall {
     looked: Vec<bool>,
     before: Planar,
     now: Planar,
-    spotted: Option<Spotted>,
+    spotted: Option<ConeSighting>,
     belief: Belief,
     /// Half sides of the place \[m\]: what a share of the place is.
     half: DVec2,
@@ -187,7 +187,7 @@ impl Recall {
             let place = then.out(number(2).clamp(-3.0, 2.5).exp() * bearing);
             let kept = self.spotted.filter(|s| s.place.distance(place) < 1.0).map_or(0.0, |_| 0.5);
             let before = self.spotted.map_or(place, |s| s.place);
-            self.spotted = Some(Spotted { place: kept * before + (1.0 - kept) * place, decisions: 0.0 });
+            self.spotted = Some(ConeSighting { place: kept * before + (1.0 - kept) * place, decisions: 0.0 });
         }
         let said = DVec2::new(number(4), number(5)) * self.half;
         let heading = DVec2::new(number(7), number(6));

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 /// What a pilot knows at a decision.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen<'a> {
+pub struct PilotInput<'a> {
     /// Which robot.
     pub env: usize,
     /// Picture, `[HEIGHT][WIDTH][3]`.
@@ -49,7 +49,7 @@ pub trait Pilot {
     /// One for each of `seen`, which are some of the robots that are under way.
     ///
     /// [`roll`] panics when there are not as many.
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision>;
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision>;
 }
 
 /// Where episodes are rolled.
@@ -93,7 +93,7 @@ pub struct Record {
     /// See [`crate::net::KNOWN`]: the place on the map, the heading, the cone's place.
     pub known: Vec<[f32; KNOWN]>,
     /// What the student did where it learns by PPO; empty otherwise.
-    pub acted: Vec<Acted>,
+    pub acted: Vec<StudentAction>,
 }
 
 impl Record {
@@ -129,7 +129,7 @@ struct Run<'a> {
     record: Record,
 }
 
-/// What a robot has to decide by, see [`Seen`].
+/// What a robot has to decide by, see [`PilotInput`].
 struct Glimpse {
     picture: Vec<u8>,
     state: [f32; STATE],
@@ -276,8 +276,8 @@ impl<'a> Run<'a> {
     fn judge(&mut self, world: &World, step: usize) {
         let base = &self.motion.world_from_base;
         self.advice = self.teacher.advise(world, base, &self.episode.goal);
-        let told = (self.advice.in_view, self.motion.fell);
-        self.over = self.judge.look(world, self.episode, base, step, told).is_some();
+        let result = (self.advice.in_view, self.motion.fell);
+        self.over = self.judge.look(world, self.episode, base, step, result).is_some();
     }
 
     /// What it has to decide by when this was drawn.
@@ -289,8 +289,8 @@ impl<'a> Run<'a> {
         Glimpse { picture, state: state(self.episode, base), recall: self.recall.features() }
     }
 
-    fn sees<'b>(&'b self, glimpse: &'b Glimpse) -> Seen<'b> {
-        Seen {
+    fn sees<'b>(&'b self, glimpse: &'b Glimpse) -> PilotInput<'b> {
+        PilotInput {
             env: self.env,
             picture: &glimpse.picture,
             state: &glimpse.state,
@@ -403,7 +403,7 @@ fn remember(record: &mut Record, advice: &Advice, known: [f32; KNOWN], world: &W
 
 /// What a student did at a decision.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Acted {
+pub struct StudentAction {
     /// The command that it drew, in shares of its limits; beyond -1 to 1 it is cut off only by who carries it out.
     pub action: [f32; COMMAND],
     /// What the network said: the mean of the draw.
@@ -414,7 +414,7 @@ pub struct Acted {
     pub advantage: f32,
 }
 
-impl Default for Acted {
+impl Default for StudentAction {
     /// Nothing, of which nothing can be learnt.
     fn default() -> Self {
         Self { action: [0.0; COMMAND], mean: [0.0; COMMAND], deviation: 1.0, advantage: 0.0 }
@@ -422,7 +422,7 @@ impl Default for Acted {
 }
 
 #[cfg(feature = "gpu")]
-impl Acted {
+impl StudentAction {
     /// How many numbers it is.
     pub(crate) const NUMBERS: usize = 2 * COMMAND + 2;
 
@@ -437,7 +437,7 @@ impl Acted {
 }
 
 /// An episode that was driven.
-pub(crate) struct Driven {
+pub(crate) struct EpisodeTrace {
     pub(crate) episode: Episode,
     /// Whether the student drove alone.
     pub(crate) alone: bool,
@@ -445,6 +445,6 @@ pub(crate) struct Driven {
     pub(crate) record: Record,
 }
 
-pub(crate) fn driven_frames(all: &[Driven]) -> usize {
+pub(crate) fn driven_frames(all: &[EpisodeTrace]) -> usize {
     all.iter().map(|driven| driven.record.len()).sum()
 }

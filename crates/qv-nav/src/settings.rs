@@ -118,8 +118,8 @@ impl Default for TrainSettings {
             batch: 16,
             truncated: 25,
             rate: [1e-3, 2e-5],
-            first: Mixture { alone: 0.0, taught: 0.85, stray: 0.15, stretch: 10.0, told: 1.0 },
-            later: Mixture { alone: 0.6, taught: 0.35, stray: 0.05, stretch: 10.0, told: 0.15 },
+            first: Mixture { alone: 0.0, taught: 0.85, stray: 0.15, stretch: 10.0, goal_given: 1.0 },
+            later: Mixture { alone: 0.6, taught: 0.35, stray: 0.05, stretch: 10.0, goal_given: 0.15 },
             huber: 0.3,
             cone_weight: 0.5,
             visible_weight: 0.15,
@@ -165,8 +165,8 @@ impl TrainSettings {
         self.changes.check()?;
         self.policy.map_or(Ok(()), |policy| policy.check())?;
         for (what, mixture) in [("first", self.first), ("later", self.later)] {
-            let Mixture { alone, taught, stray, stretch, told } = mixture;
-            let shares = [alone, taught, stray, taught + stray, told].iter().all(|x| (0.0..=1.0001).contains(x));
+            let Mixture { alone, taught, stray, stretch, goal_given } = mixture;
+            let shares = [alone, taught, stray, taught + stray, goal_given].iter().all(|x| (0.0..=1.0001).contains(x));
             if !(shares && (1.0..=1e6).contains(&stretch)) {
                 let expected = "shares of 0 to 1, taught and stray together at most 1, a stretch of at least 1";
                 return Err(NavError::value(what, expected, format!("{mixture:?}")));

@@ -51,7 +51,7 @@ pub struct Rig {
 
 impl Default for Rig {
     /// It looks down by 17 degrees. Level, a cone's foot leaves the picture a metre before it; its tip is about as high as the camera, so that what is
-    /// left of it looks the same at all distances, and nobody could tell when to stop.
+    /// left of it looks the same at all distances, and nobody could show when to stop.
     fn default() -> Self {
         Self { place: [0.30, 0.0, 0.12], turn: [0.0, 0.30, 0.0], focal: 615.0, head: 0.33 }
     }

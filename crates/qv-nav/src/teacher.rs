@@ -70,7 +70,7 @@ pub struct TeacherSettings {
     /// Speed to the cone for each metre that is left \[1/s\].
     pub approach: f64,
     /// Angle that turning to the right must save for it to turn to the right in a search, and angle behind it, on the right, from which on it
-    /// turns to the left in pursuit \[rad\]: which of two ways is shorter by a little no student can tell.
+    /// turns to the left in pursuit \[rad\]: which of two ways is shorter by a little no student can determine.
     pub left: [f64; 2],
     /// Distance between viewpoints \[m\], and the room that they have \[m\].
     pub viewpoints: [f64; 2],

@@ -10,7 +10,7 @@ use qv_policy::score::Decide;
 use qv_policy::velocity::{TaskRobot, VelocityTask};
 use qv_sim::State;
 
-/// Makes the mean velocity what is commanded. A walking policy stands when it is told to creep, and weak motors walk slower than told: what is lacking
+/// Makes the mean velocity what is commanded. A walking policy stands when it is commanded to creep, and weak motors walk slower than reported: what is lacking
 /// is summed up and added to the command. A robot has the measured velocity from its odometry; here it is the true one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Trim {
@@ -198,7 +198,7 @@ mod tests {
     #[test]
     fn what_is_lacking_is_added_up_to_a_limit() {
         let mut trim = Trim::default();
-        // A policy that stands when it is told less than 0.15 m/s, and goes at three quarters of the rest.
+        // A policy that stands when it is reported less than 0.15 m/s, and goes at three quarters of the rest.
         let (mut speed, mut way) = (0.0, 0.0);
         for tick in 0..500 {
             let command = trim.command([0.1, 0.0, 0.0], [speed, 0.0, 0.0]);

@@ -1,6 +1,6 @@
 //! Opens a recording and its robot, and says what they are: `cargo run -p quadverse-open --example opened -- walk.mcap`.
 
-use qv_open::{Reading, model_of, open_run, told_of};
+use qv_open::{Reading, model_of, open_run, remarks_of};
 use qv_recording::RecordingError;
 use std::path::Path;
 
@@ -15,6 +15,6 @@ fn main() -> Result<(), RecordingError> {
     println!("{} joints, {:.1} s", run.joints(), to - from);
     let model = model_of(&run, path, None)?;
     println!("{} of {:.2} kg", model.name, model.mass());
-    told_of(&run, &model).iter().for_each(|line| println!("{line}"));
+    remarks_of(&run, &model).iter().for_each(|line| println!("{line}"));
     Ok(())
 }

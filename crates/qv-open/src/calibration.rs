@@ -29,15 +29,17 @@ pub fn calibration_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> 
     let mut found = Calibration::default();
     for (name, value) in &given {
         match named_here(name, probe.catalogue(), model) {
-            Named::Here(name) => {
+            ParameterTarget::Here(name) => {
                 found.parameters.extend(expand(model, terrain, &[(name, *value)]).map_err(|e| of_file(path, e))?);
             }
-            Named::Otherwise(new) => {
+            ParameterTarget::Otherwise(new) => {
                 found.notes.push(format!("{}: `{name}` is `{new}` in this robot", path.display()));
                 found.parameters.push((new, *value));
             }
-            Named::Absent(why) => found.notes.push(format!("{}: `{name}` is left out: {why}", path.display())),
-            Named::Unknown => return Err(of_file(path, unknown(name, probe.catalogue()))),
+            ParameterTarget::Absent(why) => {
+                found.notes.push(format!("{}: `{name}` is left out: {why}", path.display()))
+            }
+            ParameterTarget::Unknown => return Err(of_file(path, unknown(name, probe.catalogue()))),
         }
     }
     if let (true, Some((name, _))) = (found.parameters.is_empty(), given.first()) {
@@ -52,7 +54,7 @@ pub fn calibration_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> 
 }
 
 /// What a name means for a robot on its ground.
-enum Named {
+enum ParameterTarget {
     /// A parameter, or a pattern of such.
     Here(String),
     /// A parameter of another name.
@@ -63,15 +65,15 @@ enum Named {
     Unknown,
 }
 
-fn named_here(name: &str, catalogue: &[ParameterInfo], model: &Model) -> Named {
+fn named_here(name: &str, catalogue: &[ParameterInfo], model: &Model) -> ParameterTarget {
     if name.contains('*') || catalogue.iter().any(|p| p.name == name) {
-        return Named::Here(name.to_string());
+        return ParameterTarget::Here(name.to_string());
     }
-    let [kind, member, field] = name_parts(name)[..] else { return Named::Unknown };
-    // The ground may have no material: nothing tells then whether the field exists.
+    let [kind, member, field] = name_parts(name)[..] else { return ParameterTarget::Unknown };
+    // The ground may have no material: nothing shows then whether the field exists.
     let is_field = |p: &ParameterInfo| matches!(name_parts(&p.name)[..], [k, _, f] if k == kind && f == field);
     if !catalogue.iter().any(is_field) && (kind, field) != ("material", "friction") {
-        return Named::Unknown;
+        return ParameterTarget::Unknown;
     }
     if kind == "geom" {
         let feet = feet_of_model(model);
@@ -79,7 +81,7 @@ fn named_here(name: &str, catalogue: &[ParameterInfo], model: &Model) -> Named {
             member.strip_prefix(foot.as_str()).is_some_and(|rest| rest.starts_with('_') || rest.is_empty())
         };
         if let Some(foot) = feet.names.iter().position(|foot| is_of(&foot)) {
-            return Named::Otherwise(format!("geom.{}.{field}", model.geoms[feet.geoms[foot]].name));
+            return ParameterTarget::Otherwise(format!("geom.{}.{field}", model.geoms[feet.geoms[foot]].name));
         }
     }
     let what = match kind {
@@ -88,7 +90,7 @@ fn named_here(name: &str, catalogue: &[ParameterInfo], model: &Model) -> Named {
         "geom" => "this robot has no shape",
         _ => "this robot has no joint",
     };
-    Named::Absent(format!("{what} `{member}`"))
+    ParameterTarget::Absent(format!("{what} `{member}`"))
 }
 
 fn unknown(name: &str, catalogue: &[ParameterInfo]) -> RolloutError {

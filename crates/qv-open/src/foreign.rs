@@ -40,7 +40,7 @@ fn run_of(root: &Path, table: impl Fn(&Settings) -> Result<Table, RecordingError
 
 fn finish(table: Table, toml_path: &Path, toml: &str) -> Result<Run, RecordingError> {
     let mut run = run_of_table(table.csv.as_bytes(), toml_path, toml)?;
-    run.told.splice(0..0, table.told);
+    run.remarks.splice(0..0, table.remarks);
     run.lost.splice(0..0, table.lost);
     Ok(run)
 }

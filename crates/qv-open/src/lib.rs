@@ -1,7 +1,7 @@
 //! Recordings, robots and ground from files on disk: what the command line and Python share.
 //!
 //! [`open_run`] reads whatever a path is (a bag, a table, a dataset of another program), [`model_of`] finds the robot that
-//! was recorded, [`ground::terrain_of`] the ground. Nothing here prints; who waits is told how far reading is.
+//! was recorded, [`ground::terrain_of`] the ground. Nothing here prints; who waits is reported how far reading is.
 //!
 //! ```no_run
 //! use qv_open::{Reading, ground, model_of, open_run};
@@ -37,7 +37,7 @@ pub use calibration::{Calibration, calibration_of};
 pub use description::description_of;
 pub use error::{file_error, write_error};
 pub use model::{included, model_named, model_of, read_model, read_urdf, urdf_of};
-pub use recording::{Reading, bag_files, beyond_range, lost_from, open_run, told_of};
+pub use recording::{Reading, bag_files, beyond_range, lost_from, open_run, remarks_of};
 pub use robot::robot_model;
 pub use table::{mapping_of, run_of_table, urdf_beside};
 

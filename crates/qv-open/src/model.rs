@@ -45,7 +45,7 @@ struct ModelText {
     text: String,
     /// Whether the program has it, so that all of the robot is known.
     is_built_in: bool,
-    told: Option<String>,
+    remarks: Option<String>,
 }
 
 /// The model that `robot` names, else that of the recording.
@@ -53,11 +53,11 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
     let recorded = |text: &String| {
         // A recording that carries its robot has it beside it, if anywhere, and its meshes.
         let file = own_urdf(path).unwrap_or_else(|| path.with_file_name("robot.urdf"));
-        ModelText { name: file.display().to_string(), text: text.clone(), is_built_in: false, told: None }
+        ModelText { name: file.display().to_string(), text: text.clone(), is_built_in: false, remarks: None }
     };
     let read = |file: &Path| {
-        let (text, told) = read_urdf(file, "a robot of `qv robots`, a robot file, or a URDF or MJCF file")?;
-        Ok(ModelText { name: file.display().to_string(), text, is_built_in: false, told })
+        let (text, remarks) = read_urdf(file, "a robot of `qv robots`, a robot file, or a URDF or MJCF file")?;
+        Ok(ModelText { name: file.display().to_string(), text, is_built_in: false, remarks })
     };
     let found = match (robot, recorded_robot) {
         (None, Robot::Urdf(text)) => return Ok(recorded(text)),
@@ -75,7 +75,7 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
     match (&found.file.model, recorded_robot) {
         (ModelSource::File(file), _) => read(&found.folder.join(file)),
         (ModelSource::BuiltIn(owner), _) if owner == GO2 => {
-            Ok(ModelText { name: owner.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
+            Ok(ModelText { name: owner.clone(), text: qv_go2::model::urdf(), is_built_in: true, remarks: None })
         }
         (_, Robot::Urdf(text)) => Ok(recorded(text)),
         _ => {
@@ -109,8 +109,8 @@ const GO2: &str = "go2";
 /// # Errors
 /// When the name is unknown, the file cannot be read, or it holds no good URDF or MJCF.
 pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, RecordingError> {
-    let ModelText { name, text: urdf, is_built_in, told } = model_text(&run.robot, path, robot)?;
-    let mut told: Vec<String> = told.into_iter().collect();
+    let ModelText { name, text: urdf, is_built_in, remarks } = model_text(&run.robot, path, robot)?;
+    let mut remarks: Vec<String> = remarks.into_iter().collect();
     let base = match run.base {
         Base::Free => BaseKind::Floating,
         Base::Fixed => BaseKind::Fixed,
@@ -132,16 +132,16 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
         model = read(&held)?;
         let one = |(name, position): &(String, f64)| format!("{name} at {position:.3}");
         let names: Vec<String> = held.iter().map(one).collect();
-        told.push(format!("joints without positions in the recording are held [rad or m]: {}", names.join(", ")));
+        remarks.push(format!("joints without positions in the recording are held [rad or m]: {}", names.join(", ")));
     }
-    model.told.splice(0..0, told);
+    model.remarks.splice(0..0, remarks);
     qv_rollout::with_stated_rotors(run, &mut model);
     qv_recording::imu::in_trunk_axes(&mut model);
     let known = qv_rollout::feet_of(run, &model).names;
     let absent: Vec<&str> = run.foot_names.iter().filter(|f| !known.contains(f)).map(String::as_str).collect();
     if !absent.is_empty() {
         let links: Vec<String> = absent.iter().map(|f| format!("{f}_")).collect();
-        model.told.push(format!(
+        model.remarks.push(format!(
             "feet {} are not in the model: no sphere is on a link whose name begins with {}",
             absent.join(" "),
             links.join(" or ")
@@ -150,7 +150,7 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     // What a robot that is built in can do is known; files often state less than their robots do.
     if !is_built_in {
         let lifted = qv_recording::limits::lift(run, &mut model);
-        model.told.extend(lifted);
+        model.remarks.extend(lifted);
     }
     Ok(model)
 }

@@ -25,18 +25,18 @@ pub struct Reading {
     pub namespace: Option<String>,
 }
 
-/// Told the bytes that have been read and those there are.
-pub type Seen<'a> = &'a dyn Fn(u64, u64);
+/// Reported the bytes that have been read and those there are.
+pub type ReadProgress<'a> = &'a dyn Fn(u64, u64);
 
-/// A source that tells how far its reading is.
-struct Counted<'a, R> {
+/// A source that shows how far its reading is.
+struct CountingReader<'a, R> {
     source: R,
     done: &'a Cell<u64>,
     total: u64,
-    seen: Seen<'a>,
+    seen: ReadProgress<'a>,
 }
 
-impl<R: Read> Read for Counted<'_, R> {
+impl<R: Read> Read for CountingReader<'_, R> {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         let count = self.source.read(buffer)?;
         self.done.set(self.done.get() + count as u64);
@@ -49,7 +49,7 @@ impl<R: Read> Read for Counted<'_, R> {
 ///
 /// # Errors
 /// When there is no such file, or nothing usable in it.
-pub fn open_run(path: &Path, reading: &Reading, seen: Seen) -> Result<Run, RecordingError> {
+pub fn open_run(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {
     let metadata = fs::metadata(path).map_err(|e| file_error(path, "a recording", &e.to_string()))?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     // A table that somebody made of such a folder goes before it.
@@ -73,7 +73,7 @@ pub fn open_run(path: &Path, reading: &Reading, seen: Seen) -> Result<Run, Recor
     }
 }
 
-fn open_bag(paths: &[PathBuf], reading: &Reading, seen: Seen) -> Result<Run, RecordingError> {
+fn open_bag(paths: &[PathBuf], reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {
     let total = paths.iter().filter_map(|p| fs::metadata(p).ok()).map(|m| m.len()).sum();
     let done = Cell::new(0);
     let mut files = Vec::new();
@@ -81,12 +81,12 @@ fn open_bag(paths: &[PathBuf], reading: &Reading, seen: Seen) -> Result<Run, Rec
         let file = File::open(path).map_err(|e| file_error(path, "a readable file", &e.to_string()))?;
         files.push(BagFile {
             name: path.display().to_string(),
-            source: Counted { source: file, done: &done, total, seen },
+            source: CountingReader { source: file, done: &done, total, seen },
         });
     }
     let mappings = match reading.robot.as_deref().map(robot_file).transpose()?.flatten() {
         Some(robot) => vec![robot.file.mapping],
-        None => robots::told_by_messages(),
+        None => robots::found_by_messages(),
     };
     let pose = reading.pose_topic.as_deref();
     let mappings: Vec<Mapping> = mappings.into_iter().map(|m| m.with_pose_topic(pose)).collect();
@@ -118,7 +118,7 @@ pub fn bag_files(path: &Path) -> Result<Vec<BagFile<BufReader<File>>>, Recording
     paths.iter().map(open).collect()
 }
 
-fn open_split_bag(directory: &Path, reading: &Reading, seen: Seen) -> Result<Run, RecordingError> {
+fn open_split_bag(directory: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {
     let (present, absent) = split_files(directory)?;
     let mut run = open_bag(&present, reading, seen)?;
     let mut lose = |name: String, what: String| run.lost.push(Loss { file: name, what, span: None });
@@ -210,9 +210,9 @@ pub fn beyond_range(parameters: &[(String, f64)], model: &Model, terrain: &Terra
     parameters.iter().filter_map(outside).collect()
 }
 
-/// What is told of how a recording and its robot were read, a line each: nothing is lost by it.
-pub fn told_of(run: &Run, model: &Model) -> Vec<String> {
-    run.told.iter().chain(&model.told).cloned().collect()
+/// What is reported for how a recording and its robot were read, a line each: nothing is lost by it.
+pub fn remarks_of(run: &Run, model: &Model) -> Vec<String> {
+    run.remarks.iter().chain(&model.remarks).cloned().collect()
 }
 
 /// What was lost of a recording or could not be used as it is, a line each.
@@ -223,7 +223,7 @@ pub fn lost_from(run: &Run) -> Vec<String> {
     lost
 }
 
-fn open_table(csv: &Path, seen: Seen) -> Result<Run, RecordingError> {
+fn open_table(csv: &Path, seen: ReadProgress) -> Result<Run, RecordingError> {
     if let Some(run) = foreign::open_motor_csv(csv) {
         return run;
     }
@@ -232,7 +232,7 @@ fn open_table(csv: &Path, seen: Seen) -> Result<Run, RecordingError> {
         fs::read_to_string(&toml_path).map_err(|e| file_error(&toml_path, "a run description", &e.to_string()))?;
     let file = File::open(csv).map_err(|e| file_error(csv, "a readable file", &e.to_string()))?;
     let (total, done) = (file.metadata().map_or(0, |m| m.len()), Cell::new(0));
-    run_of_table(BufReader::new(Counted { source: file, done: &done, total, seen }), &toml_path, &toml_text)
+    run_of_table(BufReader::new(CountingReader { source: file, done: &done, total, seen }), &toml_path, &toml_text)
 }
 
 #[cfg(test)]

@@ -14,12 +14,12 @@ use std::path::Path;
 pub fn robot_model(robot: &str, base: BaseKind) -> Result<Model, RecordingError> {
     let is_text = robot.trim_start().starts_with('<');
     let path = if is_text { Path::new("robot.urdf") } else { Path::new(robot) };
-    let (text, armature, told) = match robot {
+    let (text, armature, remarks) = match robot {
         "go2" => (qv_go2::model::urdf_with_shapes(), qv_go2::model::ARMATURE, None),
         text if is_text => (text.to_owned(), 0.0, None),
         _ => {
-            let (text, told) = read_urdf(path, "go2, a URDF or MJCF file, or the text of one")?;
-            (text, 0.0, told)
+            let (text, remarks) = read_urdf(path, "go2, a URDF or MJCF file, or the text of one")?;
+            (text, 0.0, remarks)
         }
     };
     let beside = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -27,7 +27,7 @@ pub fn robot_model(robot: &str, base: BaseKind) -> Result<Model, RecordingError>
     let meshes = |mesh: &str| vertices(&beside, mesh);
     let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held: &[] };
     let mut model = read_model(&text, &beside, &options).map_err(|e| file_error(path, "a robot", &e.to_string()))?;
-    model.told.extend(told);
+    model.remarks.extend(remarks);
     Ok(model)
 }
 

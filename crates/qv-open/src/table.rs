@@ -20,8 +20,8 @@ fn turn_imu(run: &mut Run, text: &str, beside: &Path) {
     // What is wrong with a robot is said where it is used.
     let model = read_model(text, beside, &ModelOptions::default()).ok();
     if let Some(rotation) = model.as_ref().and_then(qv_recording::imu::mount_of).filter(|_| run.base == Base::Free) {
-        let told = qv_recording::imu::to_trunk(run, rotation, false);
-        run.told.extend(told);
+        let remarks = qv_recording::imu::to_trunk(run, rotation, false);
+        run.remarks.extend(remarks);
     }
 }
 
@@ -29,12 +29,12 @@ fn turn_imu(run: &mut Run, text: &str, beside: &Path) {
 pub fn run_of_table(csv: impl Read, toml_path: &Path, toml_text: &str) -> Result<Run, RecordingError> {
     let robot = qv_recording::robot_of(toml_text)?;
     let mapping = mapping_of(&robot);
-    let (urdf, told) = match &mapping {
+    let (urdf, remarks) = match &mapping {
         Some(_) => (None, None),
         None => urdf_beside(toml_path, &robot).map(|(text, note)| (Some(text), note))?,
     };
     let mut run = qv_recording::read_table(csv, toml_text, urdf.as_deref(), mapping.as_ref())?;
-    run.told.extend(told);
+    run.remarks.extend(remarks);
     if let Some(text) = urdf.filter(|text| is_mjcf(text))
         && !qv_recording::states_imu(toml_text)?
     {

@@ -1,6 +1,6 @@
 //! Plots that share one axis, from columns of numbers, with choices of what is shown.
 
-use crate::pack::{Packed, pack, unpack};
+use crate::pack::{PackedColumn, pack, unpack};
 use serde::{Deserialize, Serialize};
 
 /// A column of a board's numbers.
@@ -124,8 +124,8 @@ pub struct Board {
     pub link: String,
     /// Whether the shared axis is one of logarithms.
     pub log: bool,
-    /// Whether a click tells the page's own script a moment, by an event `qv-moment` of the document.
-    pub tells: bool,
+    /// Whether a click shows the page's own script a moment, by an event `qv-moment` of the document.
+    pub reports: bool,
     /// What can be chosen.
     pub choices: Vec<Choice>,
     /// Parts of the axis to go to.
@@ -134,7 +134,7 @@ pub struct Board {
     pub begin: Option<usize>,
     /// The plots, from above.
     pub panels: Vec<Panel>,
-    numbers: Vec<Packed>,
+    numbers: Vec<PackedColumn>,
 }
 
 impl Board {

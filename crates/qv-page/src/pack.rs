@@ -11,7 +11,7 @@ const FEW: f64 = 256.0;
 
 /// A column of numbers, see the module.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Packed {
+pub struct PackedColumn {
     /// How many numbers.
     pub n: usize,
     /// The number of code 0.
@@ -26,7 +26,7 @@ pub struct Packed {
 }
 
 /// Packs numbers to a `step`, in their own unit; a step that is none is a 2¹⁶th of their range. What is not finite becomes a gap.
-pub fn pack(values: &[f64], step: f64) -> Packed {
+pub fn pack(values: &[f64], step: f64) -> PackedColumn {
     let (low, high) = values
         .iter()
         .filter(|x| x.is_finite())
@@ -45,21 +45,21 @@ pub fn pack(values: &[f64], step: f64) -> Packed {
     let gap = FEW.powi(bytes as i32) - 1.0;
     let code = |x: f64| if x.is_finite() { ((x - first) / step).round().clamp(0.0, gap - 1.0) } else { gap };
     let codes: Vec<u8> = values.iter().flat_map(|&x| (code(x) as u32).to_le_bytes().into_iter().take(bytes)).collect();
-    Packed { n: values.len(), first, step, bytes, data: to_base64(&codes) }
+    PackedColumn { n: values.len(), first, step, bytes, data: to_base64(&codes) }
 }
 
 /// The column without codes, where each number is within half a step of one that is evenly spread.
-fn evenly(values: &[f64], step: f64) -> Option<Packed> {
+fn evenly(values: &[f64], step: f64) -> Option<PackedColumn> {
     let (first, last) = (*values.first()?, *values.last()?);
     let every = if values.len() > 1 { (last - first) / (values.len() - 1) as f64 } else { 0.0 };
     let fits = |(k, x): (usize, &f64)| (first + k as f64 * every - x).abs() <= 0.5 * step;
     let fits = first.is_finite() && every.is_finite() && values.iter().enumerate().all(fits);
-    fits.then_some(Packed { n: values.len(), first, step: every, bytes: 0, data: String::new() })
+    fits.then_some(PackedColumn { n: values.len(), first, step: every, bytes: 0, data: String::new() })
 }
 
 /// The numbers again, a gap as NaN; `None` where the codes are not as many as they say.
-pub fn unpack(packed: &Packed) -> Option<Vec<f64>> {
-    let Packed { n, first, step, bytes, data } = packed;
+pub fn unpack(packed: &PackedColumn) -> Option<Vec<f64>> {
+    let PackedColumn { n, first, step, bytes, data } = packed;
     if *bytes == 0 {
         return Some((0..*n).map(|k| first + k as f64 * step).collect());
     }
@@ -117,10 +117,10 @@ pub fn from_base64(text: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    fn back(values: &[f64], step: f64) -> (Packed, Vec<f64>) {
+    fn back(values: &[f64], step: f64) -> (PackedColumn, Vec<f64>) {
         let packed = pack(values, step);
         let text = serde_json::to_string(&packed).unwrap();
-        let read: Packed = serde_json::from_str(&text).unwrap();
+        let read: PackedColumn = serde_json::from_str(&text).unwrap();
         (packed, unpack(&read).unwrap())
     }
 
@@ -180,9 +180,11 @@ mod tests {
     fn a_step_that_is_none_is_a_share_of_the_range_and_codes_that_lack_are_told() {
         let (packed, found) = back(&[0.0, 3.0, 1.0], f64::NAN);
         assert!(packed.bytes == 2 && (found[1] - 3.0).abs() < 1e-4);
-        for wrong in [Packed { n: 4, ..packed.clone() }, Packed { bytes: 9, n: usize::MAX, ..packed.clone() }] {
+        for wrong in
+            [PackedColumn { n: 4, ..packed.clone() }, PackedColumn { bytes: 9, n: usize::MAX, ..packed.clone() }]
+        {
             assert!(unpack(&wrong).is_none());
         }
-        assert!(unpack(&Packed { data: "?".into(), ..packed }).is_none());
+        assert!(unpack(&PackedColumn { data: "?".into(), ..packed }).is_none());
     }
 }

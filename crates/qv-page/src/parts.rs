@@ -72,7 +72,7 @@ pub fn width(share: f64) -> f64 {
     if share.is_finite() { (100.0 * share).clamp(0.0, 100.0) } else { 0.0 }
 }
 
-/// A bar on a track; `share` of its width, 0 to 1, which a pointer is told.
+/// A bar on a track; `share` of its width, 0 to 1, which a pointer is reported.
 pub fn track(share: f64, tone: &str) -> String {
     let (width, title) = (width(share), percent(share));
     format!(

@@ -40,7 +40,7 @@ fn one(board: &Board, panel: &Panel) -> String {
 }
 
 /// A line in the units of the picture's axes.
-struct Drawn<'a> {
+struct PlotLine<'a> {
     line: &'a Line,
     x: Vec<f64>,
     y: Vec<f64>,
@@ -57,9 +57,9 @@ fn drawing(board: &Board, panel: &Panel) -> String {
         }
         let log = panel.log && line.look != Look::Bar;
         let levels = |log, values: Vec<f64>| values.into_iter().map(|v| level(log, v)).collect();
-        Drawn { line, x: levels(board.log, x), y: levels(log, y) }
+        PlotLine { line, x: levels(board.log, x), y: levels(log, y) }
     };
-    let lines: Vec<Drawn> = panel.lines.iter().map(drawn).collect();
+    let lines: Vec<PlotLine> = panel.lines.iter().map(drawn).collect();
     let of_x = range(lines.iter().flat_map(|l| l.x.iter().copied()));
     let of_x = begin.map(|x| x.map(|x| level(board.log, x))).or(of_x);
     let Some(across) = of_x.filter(|[low, high]| high > low) else {
@@ -95,7 +95,7 @@ fn drawing(board: &Board, panel: &Panel) -> String {
             height - EDGES[2] - EDGES[3]
         );
     }
-    for (k, Drawn { line, x, y }) in lines.iter().enumerate() {
+    for (k, PlotLine { line, x, y }) in lines.iter().enumerate() {
         svg +=
             &if is_bars { bars(line, x, y, xs, EDGES[2] + ROW * k as f64) } else { curve(line, &path(x, y, xs, ys)) };
     }

@@ -81,7 +81,7 @@ fn on_one_thread(ground: &str, warm: u64, count: u64) -> Result<Value, Box<dyn E
 
 fn measure(task: VelocityTask, warm: u64, count: u64) -> Result<Value, PolicyError> {
     let settings = PpoSettings::default();
-    let mut env = Timed { task, parts: Parts::default(), last: ThreadTime::now() };
+    let mut env = TimedTask { task, parts: Parts::default(), last: ThreadTime::now() };
     let mut ppo = Ppo::new(&settings, &env, SEED)?;
     ppo.reseed(SEED, 0, ROBOTS);
     for _ in 0..warm {
@@ -121,14 +121,14 @@ struct Parts {
 }
 
 /// The task with a clock.
-struct Timed {
+struct TimedTask {
     task: VelocityTask,
     parts: Parts,
     /// When the task was last done with what it was asked.
     last: ThreadTime,
 }
 
-impl Timed {
+impl TimedTask {
     fn timed<T>(&mut self, what: impl FnOnce(&mut VelocityTask) -> T) -> T {
         let clock = ThreadTime::now();
         let answer = what(&mut self.task);
@@ -138,7 +138,7 @@ impl Timed {
     }
 }
 
-impl VectorEnv for Timed {
+impl VectorEnv for TimedTask {
     fn count(&self) -> usize {
         self.task.count()
     }

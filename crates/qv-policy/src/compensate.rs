@@ -2,7 +2,7 @@
 
 /// The robots as a compensator sees them: what a simulator has, and no recording.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen<'a> {
+pub struct SimulatedStates<'a> {
     /// Positions `[count][7 + joints]`: base in the world \[m\], quaternion w, x, y, z, joint angles \[rad\].
     pub q: &'a [f32],
     /// Velocities `[count][6 + joints]`: base in the world \[m/s\], in its own axes \[rad/s\], joint speeds \[rad/s\].
@@ -20,13 +20,13 @@ pub trait Compensator: Send + Sync {
     /// An environment begins anew: its past is forgotten.
     fn begin(&mut self, env: usize);
     /// Before each decision's physics: moves the targets that are sent, `[count][joints]` \[rad\]; `sent` holds the policy's.
-    fn move_targets(&mut self, seen: &Seen, sent: &mut [f32]);
+    fn move_targets(&mut self, seen: &SimulatedStates, sent: &mut [f32]);
     /// Whether [`Compensator::add_torques`] does anything: physics is slower with it.
     fn adds_torques(&self) -> bool {
         false
     }
     /// Before each physics step: torques added behind the motors' latency and lag, `[count][joints]` \[N m\]; all are to be written.
-    fn add_torques(&mut self, _seen: &Seen, added: &mut [f32]) {
+    fn add_torques(&mut self, _seen: &SimulatedStates, added: &mut [f32]) {
         added.fill(0.0);
     }
     /// The same for so many environments, none of which has a past.

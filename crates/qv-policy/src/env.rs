@@ -52,6 +52,6 @@ pub trait VectorEnv {
     fn curriculum(&self) -> Vec<f32> {
         Vec::new()
     }
-    /// Sets what [`VectorEnv::curriculum`] told.
+    /// Sets what [`VectorEnv::curriculum`] reported.
     fn set_curriculum(&mut self, _numbers: &[f32]) {}
 }

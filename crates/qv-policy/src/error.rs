@@ -25,7 +25,7 @@ pub enum PolicyError {
     Text {
         /// The file or part of it.
         what: String,
-        /// What is wrong, with the line where the parser tells it.
+        /// What is wrong, with the line where the parser shows it.
         reason: String,
     },
     /// A training that ran away.

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 /// What a robot did, one entry per decision.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct Played {
+pub struct WalkTrace {
     /// Decisions a second \[Hz\].
     pub rate: f32,
     /// Joint names.
@@ -78,7 +78,7 @@ pub fn play(
     commands: &[(f32, [f32; 3])],
     seconds: f32,
     seed: u64,
-) -> Result<Played, PolicyError> {
+) -> Result<WalkTrace, PolicyError> {
     if commands.is_empty() {
         return Err(PolicyError::setting("commands", "at least one", "none"));
     }
@@ -86,7 +86,7 @@ pub fn play(
     task.restart(seed, 0)?;
     let robot = task.robot().clone();
     let (count, joints, geoms) = (task.count(), robot.joints(), robot.model.geoms.len());
-    let mut out = Played {
+    let mut out = WalkTrace {
         rate: task.settings().rate,
         joints: robot.model.joint_names().to_vec(),
         feet: robot.feet.iter().map(|&g| robot.model.geoms[g].name.clone()).collect(),

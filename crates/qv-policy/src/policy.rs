@@ -175,7 +175,7 @@ impl PolicyFile {
     }
 
     /// # Errors
-    /// When the text is no such file; the line is told.
+    /// When the text is no such file; the line is reported.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
         toml::from_str(text).map_err(|e| PolicyError::Text { what: "policy.toml".into(), reason: e.to_string() })
     }

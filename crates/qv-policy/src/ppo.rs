@@ -10,7 +10,7 @@ use crate::PolicyError;
 use crate::adam::Adam;
 use crate::distribution::Spread;
 use crate::env::{End, VectorEnv};
-use crate::net::{Mlp, Tape, Turned, padded};
+use crate::net::{Mlp, Tape, TransposedWeights, padded};
 use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -184,7 +184,7 @@ pub struct Ppo {
     actions: usize,
     scaling: [(Vec<f32>, Vec<f32>); 2],
     samples: Samples,
-    turned: [Turned; 2],
+    turned: [TransposedWeights; 2],
     shards: Vec<Shard>,
     tapes: Vec<[Tape; 2]>,
     seen: [Vec<f32>; 2],
@@ -555,7 +555,7 @@ impl Ppo {
     }
 }
 
-/// Tells an error of the environment in which iteration it came.
+/// Reports an error of the environment in which iteration it came.
 fn stamp(error: PolicyError, iteration: u64) -> PolicyError {
     match error {
         PolicyError::NotFinite { term, found, .. } => PolicyError::NotFinite { iteration, term, found },

@@ -13,7 +13,7 @@ use crate::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
 use qv_core::Mismatch;
 use serde::{Deserialize, Serialize};
 
-/// What a training is told.
+/// What a training is reported.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainSettings {

@@ -164,8 +164,8 @@ impl Batch {
 
     /// How the robot's file was read, and what was left out of it.
     #[getter]
-    fn told(&self) -> Vec<String> {
-        self.sim.model().told.iter().chain(&self.sim.model().left_out).cloned().collect()
+    fn remarks(&self) -> Vec<String> {
+        self.sim.model().remarks.iter().chain(&self.sim.model().left_out).cloned().collect()
     }
 
     #[pyo3(signature = (name, *, writable = false))]

@@ -114,7 +114,7 @@ impl NavigationTask {
     }
 
     /// Pictures and the numbers beside them; of robots that are not in the mask, those of the last call.
-    fn observe<'py>(&mut self, py: Python<'py>, mask: PyReadonlyArray1<'_, bool>) -> PyResult<Observed<'py>> {
+    fn observe<'py>(&mut self, py: Python<'py>, mask: PyReadonlyArray1<'_, bool>) -> PyResult<ObservationArrays<'py>> {
         let mask = mask.as_slice().map_err(value)?.to_vec();
         let Self { task, pictures, beside, .. } = self;
         py.detach(|| task.observe(&mask, pictures, beside)).map_err(value)?;
@@ -124,7 +124,7 @@ impl NavigationTask {
     }
 
     /// One step: rewards, and how the episode ended, as words; none for one that goes on. Nobody is reset.
-    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'_, f32>) -> PyResult<Stepped<'py>> {
+    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'_, f32>) -> PyResult<StepArrays<'py>> {
         let expected = [self.task.count(), ACTION];
         if actions.shape() != expected {
             return Err(value(format!("actions: expected the shape {expected:?}, found {:?}", actions.shape())));
@@ -147,6 +147,6 @@ impl NavigationTask {
 }
 
 /// Pictures, numbers beside them.
-type Observed<'py> = (Bound<'py, PyArray4<u8>>, Bound<'py, PyArray2<f32>>);
+type ObservationArrays<'py> = (Bound<'py, PyArray4<u8>>, Bound<'py, PyArray2<f32>>);
 /// Rewards, ends.
-type Stepped<'py> = (Bound<'py, PyArray1<f32>>, Vec<Option<&'static str>>);
+type StepArrays<'py> = (Bound<'py, PyArray1<f32>>, Vec<Option<&'static str>>);

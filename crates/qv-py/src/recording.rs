@@ -105,8 +105,8 @@ impl Recording {
 
     /// How it was read where that is not a matter of course, a line each.
     #[getter]
-    fn told(&self) -> Vec<String> {
-        self.run.told.clone()
+    fn remarks(&self) -> Vec<String> {
+        self.run.remarks.clone()
     }
 
     /// Faults of the data, as the text of a JSON list.

@@ -19,7 +19,7 @@ pub struct Cloud {
     cloud: GaussianCloud,
     background: [f32; 3],
     antialias: bool,
-    told: Vec<String>,
+    remarks: Vec<String>,
 }
 
 /// Reads a scene of Gaussians of any format.
@@ -34,15 +34,15 @@ pub fn open_cloud(py: Python<'_>, path: PathBuf) -> PyResult<Cloud> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut beside = |name: &str| fs::read(folder.join(name)).map_err(|e| format!("{name}: {e}"));
         let file = read_named(&bytes, &name, &mut beside).map_err(|e| wrong(e.to_string()))?;
-        let mut told: Vec<String> = file.lost.into_iter().chain(file.told).collect();
+        let mut remarks: Vec<String> = file.lost.into_iter().chain(file.remarks).collect();
         if file.left_out > 0 {
-            told.push(format!("{} Gaussians whose numbers are not finite were left out", file.left_out));
+            remarks.push(format!("{} Gaussians whose numbers are not finite were left out", file.left_out));
         }
         Ok(Cloud {
             cloud: file.cloud,
             background: file.background.unwrap_or_default(),
             antialias: file.antialias,
-            told,
+            remarks,
         })
     })
 }
@@ -93,7 +93,7 @@ impl Cloud {
             features: Vec::new(),
         };
         cloud.check().map_err(value)?;
-        Ok(Self { cloud, background: [0.0; 3], told: Vec::new(), antialias: false })
+        Ok(Self { cloud, background: [0.0; 3], remarks: Vec::new(), antialias: false })
     }
 
     fn __len__(&self) -> usize {
@@ -132,8 +132,8 @@ impl Cloud {
 
     /// What was lost of the file, or done with its numbers, a line each.
     #[getter]
-    fn told(&self) -> Vec<String> {
-        self.told.clone()
+    fn remarks(&self) -> Vec<String> {
+        self.remarks.clone()
     }
 }
 

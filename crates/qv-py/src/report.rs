@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use qv_gap::Progress;
 use qv_open::diagnosis::{self, Request, Robot};
-use qv_open::{ground, model_of, told_of, urdf_of};
+use qv_open::{ground, model_of, remarks_of, urdf_of};
 use qv_replay::{ReplayOptions, find_gains, to_html, to_json, verdict};
 
 use qv_recording::{RecordingError, Run};
@@ -107,15 +107,15 @@ pub fn diagnose<'py>(
     let urdf = urdf_of(&first.run, &first.path, first.robot.as_deref());
     let count = recordings.len();
     let mut runs: Vec<Run> = recordings.iter().chain(&reference).map(|r| r.run.clone()).collect();
-    let files = wait(py, progress.as_ref(), move |teller| {
+    let files = wait(py, progress.as_ref(), move |reporter| {
         runs[..count].iter().try_for_each(|run| ground::check_ground(run, &terrain)).map_err(opening)?;
         let given = expand(&model, &terrain, &parameters).map_err(|e| opening(e.into()))?;
         find_gains(&mut runs, &model, &terrain, &given).map_err(|e| opening(e.into()))?;
         let reference = runs.split_off(count);
-        let notes = told_of(&runs[0], &model);
+        let notes = remarks_of(&runs[0], &model);
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
-        let told = |at: &Progress| teller.begin((at.stage, at.stages, at.name.into(), at.done));
+        let remarks = |at: &Progress| reporter.begin((at.stage, at.stages, at.name.into(), at.done));
         let request = Request {
             runs: &runs,
             reference,
@@ -131,7 +131,7 @@ pub fn diagnose<'py>(
             notes,
             provenance: None,
         };
-        let found = diagnosis::diagnose(request, &seconds, &told).map_err(opening)?;
+        let found = diagnosis::diagnose(request, &seconds, &remarks).map_err(opening)?;
         Ok(Robot::new(&runs[0], model.clone(), urdf).files(&found.report, &found.evidence, &[]))
     })?;
     let by_name = PyDict::new(py);

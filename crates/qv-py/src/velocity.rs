@@ -102,7 +102,7 @@ impl VelocityTask {
     }
 
     /// One step: rewards, who failed, whose time is over. Nobody is reset.
-    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'_, f32>) -> PyResult<Stepped<'py>> {
+    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'_, f32>) -> PyResult<StepArrays<'py>> {
         let expected = [self.task.count(), self.task.actions()];
         if actions.shape() != expected {
             return Err(value(format!("actions: expected the shape {expected:?}, found {:?}", actions.shape())));
@@ -125,4 +125,4 @@ impl VelocityTask {
 }
 
 /// Rewards, failed, over.
-type Stepped<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>);
+type StepArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>);

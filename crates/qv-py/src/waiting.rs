@@ -18,13 +18,13 @@ enum News<T> {
     Ended(PyResult<T>),
 }
 
-/// What the work tells of itself.
-pub struct Teller<T> {
+/// What the work reports itself.
+pub struct Reporter<T> {
     news: Sender<News<T>>,
     stopped: Arc<AtomicBool>,
 }
 
-impl<T> Teller<T> {
+impl<T> Reporter<T> {
     /// A stage begins. Where nobody waits any longer, the work ends here.
     pub fn begin(&self, stage: Stage) {
         if self.stopped.load(Ordering::Relaxed) {
@@ -41,14 +41,14 @@ impl<T> Teller<T> {
 pub fn wait<T: Send + 'static>(
     py: Python<'_>,
     seen: Option<&Bound<'_, PyAny>>,
-    work: impl FnOnce(&Teller<T>) -> PyResult<T> + Send + 'static,
+    work: impl FnOnce(&Reporter<T>) -> PyResult<T> + Send + 'static,
 ) -> PyResult<T> {
     let (news, mut heard) = channel();
     let stopped = Arc::new(AtomicBool::new(false));
-    let teller = Teller { news, stopped: stopped.clone() };
+    let reporter = Reporter { news, stopped: stopped.clone() };
     std::thread::spawn(move || {
-        let ended = work(&teller);
-        _ = teller.news.send(News::Ended(ended));
+        let ended = work(&reporter);
+        _ = reporter.news.send(News::Ended(ended));
     });
     loop {
         let (back, got) = py.detach(move || {

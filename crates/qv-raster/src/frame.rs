@@ -3,7 +3,7 @@
 use crate::channels::Channels;
 use crate::lens::Batch;
 use crate::scene::{Gradients, Image, Scene, Settings, View};
-use crate::stages::blend::{Blended, Source, blend};
+use crate::stages::blend::{PixelSums, Source, blend};
 use crate::stages::blend_backward::blend_backward;
 use crate::stages::cull::{Candidate, cull};
 use crate::stages::emit::{Entries, emit};
@@ -39,7 +39,7 @@ pub struct Frame {
     /// Stage `ranges`: sorted entries of each tile, first and one past the last.
     pub ranges: Vec<[u32; 2]>,
     /// Stage `blend`.
-    pub blended: Blended,
+    pub blended: PixelSums,
 }
 
 impl Frame {
@@ -75,7 +75,7 @@ impl Frame {
             entries,
             sorted,
             ranges,
-            blended: Blended::default(),
+            blended: PixelSums::default(),
         };
         frame.blended = blend(&frame.source(scene));
         Ok(frame)

@@ -3,7 +3,7 @@
 //! `cargo run -p quadverse-replay --example decode_message`
 
 use qv_recording::cdr::{Writer, decode};
-use qv_recording::plan::{Plan, Wanted};
+use qv_recording::plan::{FieldSelection, Plan};
 use qv_recording::schema::Schema;
 
 fn main() -> Result<(), qv_recording::RecordingError> {
@@ -14,7 +14,7 @@ fn main() -> Result<(), qv_recording::RecordingError> {
     let message = writer.finish();
 
     println!("{:#?}", decode(&schema, &message)?);
-    let plan = Plan::compile(&schema, &[Wanted { path: "motors[].q".into(), elements: vec![1, 0] }])?;
+    let plan = Plan::compile(&schema, &[FieldSelection { path: "motors[].q".into(), elements: vec![1, 0] }])?;
     let mut q = [0.0; 2];
     plan.read(&message, &mut q)?;
     println!("second and first motor: {q:?} rad");

@@ -1,11 +1,11 @@
 //! ROS 2 bags become runs: streams chosen, clocks joined, channels filled.
 
-use crate::choose::{Chosen, choose_robot, choose_streams};
+use crate::choose::{TopicChoice, choose_robot, choose_streams};
 use crate::clean::{Samples, columns, median_interval, put_in_order};
 use crate::container::read_messages;
 use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping, state_stream};
 use crate::run::{
-    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Known, Loss, Measurements, Robot, Run, Source,
+    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, GainSource, Loss, Measurements, Robot, Run, Source,
 };
 use crate::stream::{ChannelInfo, MessageSink};
 use crate::topic::{Collector, SECOND, Topic};
@@ -65,7 +65,7 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     let mapping = collector.mapping;
     let mut faults = Vec::new();
     let jumps = join_clocks(&mut collector.topics);
-    let Chosen { topics: chosen, namespace, told } = choose_streams(&collector, namespace, &lost, &mut faults)?;
+    let TopicChoice { topics: chosen, namespace, remarks } = choose_streams(&collector, namespace, &lost, &mut faults)?;
     let clocks: Vec<Clock> = collector.topics.iter_mut().map(choose_clock).collect();
     let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
     let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
@@ -76,7 +76,7 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     }
     let sources = sources(&collector.topics, &clocks, &chosen, epoch);
     let mut run = empty_run(mapping, epoch as u64, sources);
-    (run.lost, run.told) = (lost, told);
+    (run.lost, run.remarks) = (lost, remarks);
     if let Some(named) = collector.topics[states].named.as_ref().filter(|_| mapping.joint_names.is_empty()) {
         run.joint_names = named.all_names();
         run.joint_parameters = vec![Default::default(); run.joint_names.len()];
@@ -99,12 +99,12 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
         return Err(RecordingError::run("joint positions", "finite values", "none"));
     }
     if let Some(rpy) = mapping.imu_rotation {
-        let told = imu::to_trunk(&mut run, qv_core::Pose::from_xyz_rpy([0.0; 3], rpy).rotation, true);
-        run.told.extend(told);
+        let remarks = imu::to_trunk(&mut run, qv_core::Pose::from_xyz_rpy([0.0; 3], rpy).rotation, true);
+        run.remarks.extend(remarks);
     }
     say_missing_commands(&run, mapping, &mut faults);
     add_gains(&mut run, mapping);
-    run.tell_uncommanded();
+    run.note_uncommanded();
     run.faults = faults;
     if let Some(one) = run.measured.position.as_ref().filter(|p| p.len() == 1) {
         let (channel, detail) = ("position".into(), "expected samples at several times, found one".into());
@@ -123,7 +123,7 @@ fn take(run: &mut Run, topic: &mut Topic, message: &MessageMapping, clock: Clock
             let strange: Vec<&str> =
                 names.iter().filter(|n| !run.joint_names.contains(n)).map(String::as_str).collect();
             if !strange.is_empty() {
-                run.told.push(format!("{name} has joints that are not read: {}", strange.join(" ")));
+                run.remarks.push(format!("{name} has joints that are not read: {}", strange.join(" ")));
             }
             for twice in named.names_twice() {
                 let what = format!("joint {twice} is named more than once in a message: its last value there is read");
@@ -168,7 +168,7 @@ fn say_missing_commands(run: &Run, mapping: &Mapping, faults: &mut Vec<Fault>) {
     }
 }
 
-/// Gains of the mapping, or those that the torques tell, where no message has any.
+/// Gains of the mapping, or those that the torques show, where no message has any.
 fn add_gains(run: &mut Run, mapping: &Mapping) {
     let is_gain = |c: &ChannelFields| c.channel == Channel::CommandKp;
     if mapping.streams.iter().any(|s| s.messages.iter().any(|m| m.fields.iter().any(is_gain))) {
@@ -193,7 +193,13 @@ fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
         joint_names: mapping.joint_names.clone(),
         foot_names: mapping.foot_names.clone(),
         imu_position: mapping.imu_position,
-        actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
+        actuator: Actuator {
+            kind: ActuatorKind::Pd,
+            kp: None,
+            kd: None,
+            tau_max: None,
+            gains: [GainSource::Stated; 2],
+        },
         joint_parameters: vec![Default::default(); mapping.joint_names.len()],
         commands: Commands::default(),
         measured: Measurements::default(),
@@ -201,7 +207,7 @@ fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
         sources,
         faults: Vec::new(),
         lost: Vec::new(),
-        told: Vec::new(),
+        remarks: Vec::new(),
     }
 }
 

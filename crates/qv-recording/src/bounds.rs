@@ -32,13 +32,13 @@ impl Bounds {
     }
 
     /// The source of a file, whose bytes are counted.
-    pub fn count<R: Read>(&self, source: R) -> Packed<R> {
-        Packed { source, bounds: self.clone() }
+    pub fn count<R: Read>(&self, source: R) -> PackedReader<R> {
+        PackedReader { source, bounds: self.clone() }
     }
 
     /// What a decoder makes of packed bytes, counted and ended with an error where it is too much.
-    pub fn limit<R: Read>(&self, decoder: R) -> Unpacked<R> {
-        Unpacked { decoder, bounds: self.clone() }
+    pub fn limit<R: Read>(&self, decoder: R) -> UnpackedReader<R> {
+        UnpackedReader { decoder, bounds: self.clone() }
     }
 
     /// Bytes that may still come out of what was read so far.
@@ -68,12 +68,12 @@ impl Bounds {
 }
 
 /// A reader that counts packed bytes.
-pub(crate) struct Packed<R> {
+pub(crate) struct PackedReader<R> {
     source: R,
     bounds: Bounds,
 }
 
-impl<R: Read> Read for Packed<R> {
+impl<R: Read> Read for PackedReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize> {
         let n = self.source.read(buffer)?;
         let packed = &self.bounds.0.packed;
@@ -83,12 +83,12 @@ impl<R: Read> Read for Packed<R> {
 }
 
 /// A reader that counts unpacked bytes.
-pub(crate) struct Unpacked<R> {
+pub(crate) struct UnpackedReader<R> {
     decoder: R,
     bounds: Bounds,
 }
 
-impl<R: Read> Read for Unpacked<R> {
+impl<R: Read> Read for UnpackedReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize> {
         let n = self.decoder.read(buffer)?;
         self.bounds.take(n as u64).map_err(Error::other)?;

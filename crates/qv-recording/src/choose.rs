@@ -6,13 +6,13 @@ use crate::run::{Fault, FaultKind, Loss};
 use crate::topic::{Collector, Topic};
 
 /// The topics that were chosen.
-pub(crate) struct Chosen {
+pub(crate) struct TopicChoice {
     /// Of each stream of the mapping.
     pub topics: Vec<Option<usize>>,
     /// First part of the names of the robot's topics; empty where they have none of their own.
     pub namespace: String,
     /// What is read of several.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
 }
 
 /// The mapping whose joint states the bag has.
@@ -95,10 +95,10 @@ pub(crate) fn choose_streams(
     namespace: Option<&str>,
     lost: &[Loss],
     faults: &mut Vec<Fault>,
-) -> Result<Chosen, RecordingError> {
+) -> Result<TopicChoice, RecordingError> {
     let mapping = collector.mapping;
     let states = state_stream(mapping)?;
-    let (state, namespace, others, told) = choose_states(collector, states, namespace)?;
+    let (state, namespace, others, remarks) = choose_states(collector, states, namespace)?;
     let mut topics = Vec::new();
     for (s, stream) in mapping.streams.iter().enumerate() {
         let fits = |t: &&Topic| t.stream.is_some_and(|(of, _)| of == s);
@@ -136,7 +136,7 @@ pub(crate) fn choose_streams(
         }
         topics.push(best);
     }
-    Ok(Chosen { topics, namespace, told })
+    Ok(TopicChoice { topics, namespace, remarks })
 }
 
 /// Whether a topic's name begins with a namespace.
@@ -146,7 +146,7 @@ fn is_below(topic: &str, namespace: &str) -> bool {
 
 type States = (Option<usize>, String, Vec<String>, Vec<String>);
 
-/// The topic of the joint states, its namespace, those of other robots, and what is told of them.
+/// The topic of the joint states, its namespace, those of other robots, and what is reported for them.
 fn choose_states(collector: &Collector, states: usize, wanted: Option<&str>) -> Result<States, RecordingError> {
     let stream = &collector.mapping.streams[states];
     let all = collector.topics.iter().enumerate().filter(|(_, t)| t.stream.is_some_and(|(s, _)| s == states));
@@ -185,7 +185,7 @@ fn choose_states(collector: &Collector, states: usize, wanted: Option<&str>) -> 
         false => all.iter().max_by_key(|(_, t)| rank(t)),
     };
     let others: Vec<&str> = namespaces.into_iter().filter(|ns| Some(*ns) != own && !ns.is_empty()).collect();
-    let told = match own {
+    let remarks = match own {
         Some("") if !others.is_empty() => {
             vec![format!(
                 "other robots of the recording are not read: {} (`--namespace NAME` reads one)",
@@ -195,7 +195,7 @@ fn choose_states(collector: &Collector, states: usize, wanted: Option<&str>) -> 
         _ => Vec::new(),
     };
     let others = others.into_iter().map(str::to_owned).collect();
-    Ok((best.map(|(index, _)| *index), own.unwrap_or_default().to_owned(), others, told))
+    Ok((best.map(|(index, _)| *index), own.unwrap_or_default().to_owned(), others, remarks))
 }
 
 fn list_topics(topics: &[Topic], lost: &[Loss]) -> String {

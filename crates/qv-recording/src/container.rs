@@ -9,7 +9,7 @@ use std::io::{Cursor, Read};
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 const SQLITE: &[u8] = b"SQLite format 3\0";
 const ROS_1: &[u8] = b"#ROSBAG V";
-/// Bytes that tell kinds apart.
+/// Bytes that distinguish kinds.
 const HEAD: u64 = 16;
 
 /// Reads all messages of `source` into `sink` and returns what was lost. The file is MCAP or, with the feature `sqlite`, a

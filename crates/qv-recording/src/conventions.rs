@@ -1,7 +1,7 @@
 //! Signs, units and orders that are another convention's: each channel against what others say of the same motion.
 //!
 //! Joint velocities against derived ones, torques against the law of the actuators, the gyroscope and quaternions against each other,
-//! accelerations against gravity. Only what fits another convention well is told; a sensor that is merely bad is not. What can be read
+//! accelerations against gravity. Only what fits another convention well is reported; a sensor that is merely bad is not. What can be read
 //! in that convention is ([`read_in_ours`]), the rest is left out, and so are channels that lack too much.
 
 use crate::clean::median_interval;
@@ -17,7 +17,7 @@ use std::borrow::Cow;
 pub const FASTEST_BASE: f64 = 10.0;
 /// Correlation from which on two channels say the same.
 const SAME: f64 = 0.8;
-/// Share of the time with joint positions that a channel may lack: with more it costs more of the recording than it tells.
+/// Share of the time with joint positions that a channel may lack: with more it costs more of the recording than it shows.
 const MOST_LACKING: f64 = 0.5;
 /// Samples that are compared, at most.
 const MOST: usize = 4000;
@@ -125,12 +125,12 @@ fn lacking(run: &Run) -> Vec<Foreign> {
         let period = median_interval(&series.time);
         let share = |k: usize| 1.0 - series.column(k).filter(|x| x.is_finite()).count() as f64 * period / whole;
         let lacks = (0..series.joints).map(|k| (k, share(k))).filter(|(_, share)| *share > MOST_LACKING);
-        let told = |(k, share)| Foreign {
+        let remarks = |(k, share)| Foreign {
             channel: name(k),
             what: format!("no values in {:.0} % of the recording", 100.0 * share),
             reading: Reading::Unknown,
         };
-        lacks.map(told).collect()
+        lacks.map(remarks).collect()
     };
     let mut found = of(&m.velocity, &joint("velocity"));
     found.extend(of(&m.torque, &joint("torque")));
@@ -362,13 +362,13 @@ fn turning(gyro: &JointSeries, series: &JointSeries, first: usize) -> Turning {
     };
     let agrees = |all: &[Option<Fit>]| fits(all) && all.iter().flatten().any(|f| f.correlation > SAME);
     let read = rates(None);
-    let told = |all: &[Option<Fit>]| {
+    let remarks = |all: &[Option<Fit>]| {
         let named = all.iter().zip(["x", "y", "z"]);
         let found = named.filter_map(|(f, name)| convention((*f)?).map(|(what, reading)| (name, what, reading)));
         found.collect::<Vec<_>>()
     };
     if agrees(&read) {
-        return Turning::OfGyro(told(&read));
+        return Turning::OfGyro(remarks(&read));
     }
     // One that fits as it is goes before one that fits with axes turned.
     let orders = ORDERS.map(|(what, reading)| (what, reading, rates(Some(reading))));
@@ -377,7 +377,7 @@ fn turning(gyro: &JointSeries, series: &JointSeries, first: usize) -> Turning {
     if let Some((what, reading, _)) = plain.or_else(|| orders.iter().find(|(_, _, all)| agrees(all))) {
         return Turning::OfQuaternion(what, *reading);
     }
-    if fits(&read) { Turning::OfGyro(told(&read)) } else { Turning::Unknown }
+    if fits(&read) { Turning::OfGyro(remarks(&read)) } else { Turning::Unknown }
 }
 
 /// Mean of the samples between two times.
@@ -418,7 +418,7 @@ fn too_fast(pose: &JointSeries) -> Option<(String, Reading)> {
     speeds.retain(|x| x.is_finite());
     speeds.sort_by(f64::total_cmp);
     let often = *speeds.get(3 * speeds.len() / 4)?;
-    // Only a height that a walking robot's trunk can have in one unit alone tells which.
+    // Only a height that a walking robot's trunk can have in one unit alone shows which.
     let mut heights: Vec<f64> = pose.column(2).filter(|z| z.is_finite()).collect();
     let height = median(&mut heights);
     let units = [("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)];

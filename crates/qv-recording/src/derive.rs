@@ -14,7 +14,7 @@ const BASE_HALF_WIDTH: f64 = 0.1;
 
 /// A derived channel.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Derived {
+pub struct DerivedChannel {
     /// Values.
     pub series: JointSeries,
     /// From what and how.
@@ -33,15 +33,15 @@ fn describe(filter: LocalPolynomial, from: &str) -> String {
 }
 
 /// Joint velocities \[rad/s\] from positions; `None` when positions are too few.
-pub fn joint_velocity(run: &Run) -> Option<Derived> {
+pub fn joint_velocity(run: &Run) -> Option<DerivedChannel> {
     let position = run.measured.position.as_ref().filter(|p| p.len() > 3)?;
     let filter = joint_filter(position);
     let bandwidth = filter.bandwidth(median_interval(&position.time), true);
-    Some(Derived { series: filter.derivative(position), method: describe(filter, "positions"), bandwidth })
+    Some(DerivedChannel { series: filter.derivative(position), method: describe(filter, "positions"), bandwidth })
 }
 
 /// Linear velocity of the base in the world \[m/s\], 3 columns, from poses.
-pub fn base_velocity(pose: &JointSeries) -> Option<Derived> {
+pub fn base_velocity(pose: &JointSeries) -> Option<DerivedChannel> {
     if pose.len() < 4 {
         return None;
     }
@@ -49,11 +49,11 @@ pub fn base_velocity(pose: &JointSeries) -> Option<Derived> {
     let xyz = (0..pose.len()).flat_map(|i| pose.row(i)[..3].to_vec()).collect();
     let position = JointSeries { time: pose.time.clone(), values: xyz, joints: 3 };
     let bandwidth = filter.bandwidth(median_interval(&pose.time), true);
-    Some(Derived { series: filter.derivative(&position), method: describe(filter, "poses"), bandwidth })
+    Some(DerivedChannel { series: filter.derivative(&position), method: describe(filter, "poses"), bandwidth })
 }
 
 /// Angular velocity of the base in its own frame \[rad/s\], 3 columns, from poses: for recordings without a gyro.
-pub fn base_angular_velocity(pose: &JointSeries) -> Option<Derived> {
+pub fn base_angular_velocity(pose: &JointSeries) -> Option<DerivedChannel> {
     if pose.len() < 4 {
         return None;
     }
@@ -78,7 +78,7 @@ pub fn base_angular_velocity(pose: &JointSeries) -> Option<Derived> {
     });
     let series = JointSeries { time: pose.time.clone(), values: values.collect(), joints: 3 };
     let bandwidth = filter.bandwidth(median_interval(&pose.time), true);
-    Some(Derived { series, method: describe(filter, "pose orientations"), bandwidth })
+    Some(DerivedChannel { series, method: describe(filter, "pose orientations"), bandwidth })
 }
 
 /// A rotation as a vector \[rad\], of the two ways round the shorter.

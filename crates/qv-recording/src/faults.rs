@@ -224,7 +224,7 @@ fn rotations(name: &str, series: &mut JointSeries, first: usize, faults: &mut Ve
     }
 }
 
-/// Channels of which more values are missing than are there, without a hole that is told as a gap. Rows of a table that lack a
+/// Channels of which more values are missing than are there, without a hole that is reported as a gap. Rows of a table that lack a
 /// whole channel are not in its series: they count by those of the positions.
 fn sparse(run: &Run, faults: &mut Vec<Fault>) {
     let m = &run.measured;

@@ -12,7 +12,7 @@ const FROZEN_LONG: f64 = 1.0;
 const MOVES: f64 = 0.05;
 const MOVES_FAR: f64 = 0.2;
 
-/// A channel with the columns that are told by one name.
+/// A channel with the columns that are given by one name.
 pub struct Channel<'a> {
     /// `position`, `velocity`, `torque`, `gyro`, `orientation` or `base pose`, with the joint where it has one.
     pub name: String,
@@ -42,7 +42,7 @@ impl FrozenChannel<'_> {
     }
 }
 
-/// All channels that stood still while the robot moved, which its joint positions tell.
+/// All channels that stood still while the robot moved, which its joint positions show.
 pub(crate) fn frozen_channels(run: &Run) -> Vec<FrozenChannel<'_>> {
     let m = &run.measured;
     let Some(position) = &m.position else { return vec![] };
@@ -100,7 +100,7 @@ fn stretches(channel: &Channel, least: f64, moves: &dyn Fn(f64, f64) -> bool) ->
     out
 }
 
-/// Whether friction may hold a joint between two times, of which a sensor that reads in steps says one number for seconds: it is told to hold
+/// Whether friction may hold a joint between two times, of which a sensor that reads in steps says one number for seconds: it is commanded to hold
 /// its place, or moves on from where it was. A reading that froze jumps when it lives again.
 fn is_stuck(run: &Run, position: &JointSeries, joint: usize, [from, to]: [f64; 2]) -> bool {
     let asked = |least| run.commands.position.as_ref().is_some_and(|c| moved(c, joint, from, to, least));
@@ -184,7 +184,7 @@ pub(crate) fn replace(slot: &mut Option<JointSeries>, column: usize, by: Option<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::{Actuator, ActuatorKind, Base, Commands, Known, Measurements, Robot};
+    use crate::run::{Actuator, ActuatorKind, Base, Commands, GainSource, Measurements, Robot};
 
     /// Two joints that swing for 10 s, their torques, and a gyro.
     fn run() -> Run {
@@ -200,7 +200,13 @@ mod tests {
             joint_names: vec!["a".into(), "b".into()],
             foot_names: vec![],
             imu_position: [0.0; 3],
-            actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
+            actuator: Actuator {
+                kind: ActuatorKind::Pd,
+                kp: None,
+                kd: None,
+                tau_max: None,
+                gains: [GainSource::Stated; 2],
+            },
             joint_parameters: vec![],
             commands: Commands::default(),
             measured: Measurements::default(),
@@ -208,7 +214,7 @@ mod tests {
             sources: vec![],
             faults: vec![],
             lost: vec![],
-            told: vec![],
+            remarks: vec![],
         };
         let m = &mut run.measured;
         (m.position, m.velocity, m.torque, m.gyro) = (series(2, 0.5), series(2, 1.5), series(2, 4.0), series(3, 0.3));

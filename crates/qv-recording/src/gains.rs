@@ -9,7 +9,7 @@ const EXPLAINED: f64 = 0.95;
 const LEAST: usize = 50;
 
 /// Fits `torque = kp (q_des - q) - kd dq` by least squares to each joint of a run that has commanded positions and measured
-/// torques and states no gains, and makes them the run's, where they explain 95 % of the torque of every joint. Tells either way.
+/// torques and states no gains, and makes them the run's, where they explain 95 % of the torque of every joint. Reports either way.
 pub(crate) fn from_torques(run: &mut Run) {
     let c = &run.commands;
     let states_gains = c.kp.is_some() || c.kd.is_some() || run.actuator.kp.is_some() || c.torque.is_some();
@@ -38,7 +38,7 @@ pub(crate) fn from_torques(run: &mut Run) {
         });
         if let Some((fit, name)) = worst {
             let share = fit.map_or(0.0, |f| 100.0 * f.explained);
-            run.told.push(format!(
+            run.remarks.push(format!(
                 "no message states gains, and the torques do not tell them: of `{name}` they would explain {share:.0} %"
             ));
         }
@@ -51,7 +51,7 @@ pub(crate) fn from_torques(run: &mut Run) {
         let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
         format!("{low:.3} to {high:.3}")
     };
-    run.told.push(format!(
+    run.remarks.push(format!(
         "no message states gains: those that the torques tell are used, kp {}, kd {}",
         range(|f| f.kp),
         range(|f| f.kd)

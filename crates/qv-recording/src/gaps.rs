@@ -32,18 +32,18 @@ pub fn without_gaps(mut run: Run) -> (Run, Vec<String>) {
         ("orientation", &mut m.orientation, [OF_JOINTS, ONE_SIGN]),
         ("base pose", &mut m.base_pose, [OF_POSES, ONE_SIGN]),
     ];
-    let mut told = Vec::new();
+    let mut remarks = Vec::new();
     for (name, series, apart) in channels {
         let filled = series.as_mut().map_or(0, |series| {
             (0..series.joints).filter(|&c| is_sound(name, c)).map(|c| fill(series, c, apart)).sum()
         });
         if filled > 0 {
-            told.push(format!(
+            remarks.push(format!(
                 "{filled} single values of {name} are missing: they are taken to lie between those beside them"
             ));
         }
     }
-    (run, told)
+    (run, remarks)
 }
 
 /// Blank cells hold the value before, those before the first value the first.

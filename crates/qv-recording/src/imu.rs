@@ -7,15 +7,15 @@ use glam::{DQuat, DVec3};
 use qv_core::JointSeries;
 use qv_sim::Model;
 
-/// Angle between two directions of "up" from which on one mount is told from another, and a stand from a fall: what lies
+/// Angle between two directions of "up" from which on one mount is determined from another, and a stand from a fall: what lies
 /// nearer could be a slope that the robot stands on.
 const APART: f64 = 0.5;
 /// A trunk that stands leans less than this \[rad\].
 const LEAN: f64 = 0.8;
-/// Angle up to which an attitude is that of the poses, and from which on it is another \[rad\]: a mount that is turned by less cannot be told.
+/// Angle up to which an attitude is that of the poses, and from which on it is another \[rad\]: a mount that is turned by less cannot be reported.
 const SAME: f64 = 0.1;
 const ANOTHER: f64 = 0.3;
-/// Turning (root of mean square) from which on axes of a gyroscope can be told \[rad/s\].
+/// Turning (root of mean square) from which on axes of a gyroscope can be reported \[rad/s\].
 const LEAST_TURNING: f64 = 0.05;
 
 /// Names of links that are an IMU, as the simulator looks for them.
@@ -45,12 +45,12 @@ enum Axes {
 /// and says what was done.
 ///
 /// `stated`: the recording states the mount; then the channels are in the sensor's axes. Else each channel is looked at: an
-/// upright trunk (by the poses, where there are some) and the turning of the base tell which axes it is in; what they do
-/// not tell is in the sensor's axes, as `formats.md` has it.
+/// upright trunk (by the poses, where there are some) and the turning of the base show which axes it is in; what they do
+/// not show is in the sensor's axes, as `formats.md` has it.
 pub fn to_trunk(run: &mut Run, base_from_imu: DQuat, stated: bool) -> Vec<String> {
-    let mut told = Vec::new();
+    let mut remarks = Vec::new();
     if base_from_imu.angle_between(DQuat::IDENTITY) < 1e-6 {
-        return told;
+        return remarks;
     }
     let up = up_in_trunk(run);
     let axes = |seen: Option<DVec3>| match seen {
@@ -80,7 +80,7 @@ pub fn to_trunk(run: &mut Run, base_from_imu: DQuat, stated: bool) -> Vec<String
     }
     let [roll, pitch, yaw] = rpy(base_from_imu);
     let mount = format!("the IMU is mounted at roll {roll:.3}, pitch {pitch:.3}, yaw {yaw:.3} rad");
-    told.push(match kept.len() {
+    remarks.push(match kept.len() {
         0 => format!("{mount}: its channels were turned into the trunk's axes"),
         _ => format!("{mount}, but {} are in the trunk's axes already: they stay as they are", kept.join(" and ")),
     });
@@ -91,13 +91,13 @@ pub fn to_trunk(run: &mut Run, base_from_imu: DQuat, stated: bool) -> Vec<String
     for (name, seen) in leaning {
         let lean = seen.map_or(0.0, |seen| seen.angle_between(up));
         if lean > LEAN {
-            told.push(format!(
+            remarks.push(format!(
                 "the mount of the IMU contradicts gravity: by its {name} the standing trunk leans {lean:.2} rad \
                  (state `rotation` in [imu] of run.toml)"
             ));
         }
     }
-    told
+    remarks
 }
 
 /// Roll, pitch and yaw about fixed axes \[rad\].
@@ -133,7 +133,7 @@ fn mean(series: &JointSeries) -> Option<DVec3> {
     (sum.length() > 0.0).then(|| sum.normalize())
 }
 
-/// Which axes have up there; `None` where gravity cannot tell them apart.
+/// Which axes have up there; `None` where gravity cannot distinguish them.
 fn axes_of(seen: DVec3, up: DVec3, base_from_imu: DQuat) -> Option<Axes> {
     let (as_sensor, as_trunk) = ((base_from_imu * seen).angle_between(up), seen.angle_between(up));
     ((as_sensor - as_trunk).abs() > APART).then_some(if as_sensor < as_trunk { Axes::Sensor } else { Axes::Trunk })

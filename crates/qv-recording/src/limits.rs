@@ -17,20 +17,20 @@ const SPAN: f64 = 0.02;
 /// How far beyond a limit a position is before it contradicts it \[rad, m\]: stops yield, and zeros of encoders are off by a degree.
 const BEYOND_STOP: [f64; 2] = [0.02, 0.002];
 
-/// Takes those limits on position, speed and torque from the joints of `model` that `run` went beyond, and tells of each: both
+/// Takes those limits on position, speed and torque from the joints of `model` that `run` went beyond, and reports each: both
 /// numbers.
 ///
 /// Positions that may be degrees contradict nothing. Speeds are slopes of the measured positions over 20 ms, so that no convention of another sensor counts. Torques are used
 /// where they are measured in this crate's convention.
 pub fn lift(run: &Run, model: &mut Model) -> Vec<String> {
-    let mut told = Vec::new();
+    let mut remarks = Vec::new();
     for joint in &mut model.joints {
         let Some(column) = run.joint_names.iter().position(|n| *n == joint.name) else { continue };
-        lift_position(run, column, joint, &mut told);
-        lift_velocity(run, column, joint, &mut told);
-        lift_effort(run, column, joint, &mut told);
+        lift_position(run, column, joint, &mut remarks);
+        lift_velocity(run, column, joint, &mut remarks);
+        lift_effort(run, column, joint, &mut remarks);
     }
-    told
+    remarks
 }
 
 /// Joints of `model` that `run` has no position of, and where each is held: at its first command, else at the position
@@ -57,7 +57,7 @@ fn positions(run: &Run) -> Option<&JointSeries> {
     run.measured.position.as_ref().filter(|_| !is_foreign)
 }
 
-fn lift_position(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<String>) {
+fn lift_position(run: &Run, column: usize, joint: &mut Joint, remarks: &mut Vec<String>) {
     let Some(position) = positions(run) else { return };
     let known: Vec<f64> = position.column(column).filter(|x| x.is_finite()).collect();
     let (margin, unit) = match joint.kind {
@@ -65,7 +65,7 @@ fn lift_position(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<Str
         JointKind::Prismatic => (BEYOND_STOP[1], "m"),
     };
     if let Some(farthest) = beyond_stops(&known, joint.lower, joint.upper, margin) {
-        told.push(format!(
+        remarks.push(format!(
             "joint `{}`: its file allows {:.3} to {:.3} {unit}, the recording reaches {farthest:.3}: no limit on its position is applied",
             joint.name, joint.lower, joint.upper
         ));
@@ -73,10 +73,10 @@ fn lift_position(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<Str
     }
 }
 
-fn lift_velocity(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<String>) {
+fn lift_velocity(run: &Run, column: usize, joint: &mut Joint, remarks: &mut Vec<String>) {
     let Some(position) = positions(run) else { return };
     if let Some(fastest) = beyond(&speeds(position, column), joint.velocity) {
-        told.push(format!(
+        remarks.push(format!(
             "joint `{}`: its file allows {} {}/s, the recording reaches {fastest:.2}: no limit on its speed is applied",
             joint.name,
             joint.velocity,
@@ -86,13 +86,13 @@ fn lift_velocity(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<Str
     }
 }
 
-fn lift_effort(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<String>) {
+fn lift_effort(run: &Run, column: usize, joint: &mut Joint, remarks: &mut Vec<String>) {
     let channel = format!("torque {}", joint.name);
     let is_foreign = run.faults.iter().any(|f| f.kind == FaultKind::Convention && f.channel == channel);
     let Some(torque) = run.measured.torque.as_ref().filter(|_| !is_foreign) else { return };
     let sizes: Vec<f64> = torque.column(column).map(f64::abs).filter(|x| x.is_finite()).collect();
     if let Some(largest) = beyond(&sizes, joint.effort) {
-        told.push(format!(
+        remarks.push(format!(
             "joint `{}`: its file allows {} {}, the recording reaches {largest:.2}: no limit on its torque is applied",
             joint.name,
             joint.effort,

@@ -1,7 +1,7 @@
 //! What a robot's topics mean: plain data that a robot's file fills in ([`crate::robots`]).
 
 use crate::RecordingError;
-use crate::plan::Wanted;
+use crate::plan::FieldSelection;
 
 /// A channel of a run that message fields go to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -31,7 +31,7 @@ pub struct ChannelFields {
     pub channel: Channel,
     /// Fields, put out one after the other; together as many numbers as the channel has columns. Where the message names its
     /// joints, one path of a list as long as that of the names, and no elements.
-    pub fields: Vec<Wanted>,
+    pub fields: Vec<FieldSelection>,
 }
 
 /// A type of message that a stream may have.
@@ -54,7 +54,7 @@ pub struct StreamMapping {
     pub preferred_topic: String,
     /// Whether no other topic will do.
     pub exact_topic: bool,
-    /// How else the names of its topics may end; with the preferred one they tell a robot's namespace.
+    /// How else the names of its topics may end; with the preferred one they show a robot's namespace.
     pub endings: Vec<String>,
     /// Whether topics with other endings are no such stream.
     pub only_endings: bool,

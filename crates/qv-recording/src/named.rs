@@ -6,7 +6,7 @@ use crate::clean::Samples;
 use crate::schema::{Arity, Element, Primitive, Schema};
 
 /// What was read of a topic whose messages name their joints.
-pub(crate) struct Named {
+pub(crate) struct NamedJoints {
     schema: Schema,
     names: String,
     /// A list of numbers for each channel.
@@ -20,7 +20,7 @@ pub(crate) struct Named {
     values: Vec<f64>,
 }
 
-impl Named {
+impl NamedJoints {
     /// A reader of the lists at `paths`, whose elements are named by the list at `names`.
     ///
     /// # Errors

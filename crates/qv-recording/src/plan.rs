@@ -10,7 +10,7 @@ use crate::schema::{Arity, Element, Primitive, Schema};
 
 /// Numbers wanted from a message: one path and which elements of it, in the order in which they are put out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Wanted {
+pub struct FieldSelection {
     /// Field path; `[]` marks the array whose elements are picked.
     pub path: String,
     /// Index on the wire of each number put out; `[0]` for a field that is no array.
@@ -83,7 +83,7 @@ impl Plan {
     ///
     /// # Errors
     /// [`RecordingError::Field`] when a path does not lead to numbers, or a fixed array is too short for its elements.
-    pub fn compile(schema: &Schema, wanted: &[Wanted]) -> Result<Self, RecordingError> {
+    pub fn compile(schema: &Schema, wanted: &[FieldSelection]) -> Result<Self, RecordingError> {
         let mut offset = 0;
         let mut slots = Vec::new();
         for want in wanted {
@@ -393,8 +393,8 @@ mod tests {
         bytes
     }
 
-    fn wanted(path: &str, elements: &[usize]) -> Wanted {
-        Wanted { path: path.into(), elements: elements.to_vec() }
+    fn wanted(path: &str, elements: &[usize]) -> FieldSelection {
+        FieldSelection { path: path.into(), elements: elements.to_vec() }
     }
 
     #[test]

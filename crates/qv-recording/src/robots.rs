@@ -3,7 +3,7 @@
 
 use crate::RecordingError;
 use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping, StreamMapping};
-use crate::plan::Wanted;
+use crate::plan::FieldSelection;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use toml::Table;
@@ -20,8 +20,8 @@ pub struct RobotFile {
     pub about: String,
     /// Its model.
     pub model: ModelSource,
-    /// Whether its messages tell that it is this robot; others with the same messages are asked for by name.
-    pub told_by_messages: bool,
+    /// Whether its messages show that it is this robot; others with the same messages are asked for by name.
+    pub found_by_messages: bool,
     /// What its messages mean.
     pub mapping: Mapping,
 }
@@ -52,8 +52,8 @@ pub fn built_in(name: &str) -> Option<RobotFile> {
 }
 
 /// The mappings that a recording is looked at with where nobody says which robot it is of.
-pub fn told_by_messages() -> Vec<Mapping> {
-    names().filter_map(built_in).filter(|robot| robot.told_by_messages).map(|robot| robot.mapping).collect()
+pub fn found_by_messages() -> Vec<Mapping> {
+    names().filter_map(built_in).filter(|robot| robot.found_by_messages).map(|robot| robot.mapping).collect()
 }
 
 /// A file that built-in robots name.
@@ -75,7 +75,7 @@ struct File {
     #[serde(default)]
     generic: bool,
     #[serde(default)]
-    told_by_messages: bool,
+    found_by_messages: bool,
     #[serde(default)]
     joints: Vec<String>,
     #[serde(default)]
@@ -202,8 +202,8 @@ pub fn parse(file: &str, text: &str, beside: &Beside) -> Result<RobotFile, Recor
         below.extend(whole);
         whole = below;
     }
-    // Being like a robot that messages tell is not being told by them.
-    whole.remove("told_by_messages");
+    // Being like a robot that messages show is not being reported by them.
+    whole.remove("found_by_messages");
     whole.extend(table);
     let own: File = whole
         .try_into()
@@ -255,7 +255,7 @@ impl File {
             definitions,
             streams,
         };
-        Ok(RobotFile { about: self.about, model, told_by_messages: self.told_by_messages, mapping })
+        Ok(RobotFile { about: self.about, model, found_by_messages: self.found_by_messages, mapping })
     }
 
     /// Gains are one number, or a list that goes by `joints`, of numbers that gains can be.
@@ -384,9 +384,10 @@ impl File {
             _ => or_all(&self.on_wire, n),
         };
         let single = paths.len() > 1;
-        let fields = paths
-            .iter()
-            .map(|path| Wanted { path: path.clone(), elements: if single { vec![0] } else { elements.clone() } });
+        let fields = paths.iter().map(|path| FieldSelection {
+            path: path.clone(),
+            elements: if single { vec![0] } else { elements.clone() },
+        });
         ChannelFields { channel, fields: fields.collect() }
     }
 }
@@ -408,7 +409,7 @@ mod tests {
                 let text = own.map(|(_, text)| text.clone()).or_else(|| crate::definitions::standard(&message.name));
                 let text = text.unwrap_or_else(|| panic!("{name}: no definition of {}", message.name));
                 let schema = Schema::parse(&message.name, &text).unwrap();
-                let wanted: Vec<Wanted> = message.fields.iter().flat_map(|f| f.fields.clone()).collect();
+                let wanted: Vec<FieldSelection> = message.fields.iter().flat_map(|f| f.fields.clone()).collect();
                 if message.names.is_none() && wanted.iter().all(|w| !w.elements.is_empty()) {
                     Plan::compile(&schema, &wanted).unwrap_or_else(|e| panic!("{name}: {e}"));
                     compiled += 1;
@@ -429,7 +430,7 @@ mod tests {
             wires.sort_unstable();
             assert_eq!(wires, (0..robot.mapping.joint_names.len()).collect::<Vec<_>>(), "{name}");
         }
-        assert_eq!(told_by_messages().len(), 3);
+        assert_eq!(found_by_messages().len(), 3);
         assert!(built_in("nobody").is_none());
     }
 

@@ -33,7 +33,7 @@ pub enum ActuatorKind {
 
 /// How a gain of all joints is known.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub enum Known {
+pub enum GainSource {
     /// By what is stated, of all joints or with each command.
     #[default]
     Stated,
@@ -55,7 +55,7 @@ pub struct Actuator {
     /// Clips the position and feed-forward part \[N m\].
     pub tau_max: Option<f64>,
     /// How the position gain is known, and the velocity gain.
-    pub gains: [Known; 2],
+    pub gains: [GainSource; 2],
 }
 
 /// What the recording states about one joint; `None` = not stated, the model's own value holds.
@@ -281,7 +281,7 @@ pub struct Run {
     /// What could not be read.
     pub lost: Vec<Loss>,
     /// How the recording was read where that is not as a matter of course, such as its unit of time; a sentence each.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
 }
 
 impl Run {
@@ -313,10 +313,10 @@ impl Run {
     }
 
     /// Says which they are, in a line.
-    pub(crate) fn tell_uncommanded(&mut self) {
+    pub(crate) fn note_uncommanded(&mut self) {
         let names = self.uncommanded().join(", ");
         if !names.is_empty() {
-            self.told.push(format!("no commands were recorded of {names}: they are taken for 0"));
+            self.remarks.push(format!("no commands were recorded of {names}: they are taken for 0"));
         }
     }
 

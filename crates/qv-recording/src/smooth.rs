@@ -22,7 +22,7 @@ pub struct LocalPolynomial {
 
 /// Value and slope of one column.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Smoothed {
+pub struct ValueAndSlope {
     /// Value, in the column's unit.
     pub value: f64,
     /// Derivative, in the column's unit per second.
@@ -31,7 +31,7 @@ pub struct Smoothed {
 
 impl LocalPolynomial {
     /// Fits all columns at `time` \[s\], shape `[n]`. A column is NaN where fewer than two of its samples are near.
-    pub fn at(&self, series: &JointSeries, time: f64) -> Vec<Smoothed> {
+    pub fn at(&self, series: &JointSeries, time: f64) -> Vec<ValueAndSlope> {
         let slack = 1e-9 * (1.0 + time.abs());
         let first = series.time.partition_point(|&t| t < time - self.half_width - slack);
         let last = series.time.partition_point(|&t| t <= time + self.half_width + slack);
@@ -49,17 +49,17 @@ impl LocalPolynomial {
             .collect()
     }
 
-    fn with_gaps(&self, near: &[f64], values: &[f64]) -> Smoothed {
+    fn with_gaps(&self, near: &[f64], values: &[f64]) -> ValueAndSlope {
         let good: Vec<usize> = (0..values.len()).filter(|&i| !values[i].is_nan()).collect();
         let near: Vec<f64> = good.iter().map(|&i| near[i]).collect();
         let values: Vec<f64> = good.iter().map(|&i| values[i]).collect();
         self.apply(weights(&near, self.degree).as_ref(), &values)
     }
 
-    fn apply(&self, weights: Option<&[Vec<f64>; 2]>, values: &[f64]) -> Smoothed {
-        let Some([value, slope]) = weights else { return Smoothed { value: f64::NAN, slope: f64::NAN } };
+    fn apply(&self, weights: Option<&[Vec<f64>; 2]>, values: &[f64]) -> ValueAndSlope {
+        let Some([value, slope]) = weights else { return ValueAndSlope { value: f64::NAN, slope: f64::NAN } };
         let dot = |w: &[f64]| w.iter().zip(values).map(|(w, x)| w * x).sum::<f64>();
-        Smoothed { value: dot(value), slope: dot(slope) / self.half_width }
+        ValueAndSlope { value: dot(value), slope: dot(slope) / self.half_width }
     }
 
     /// Slopes of all columns at all stamps: the velocity of a position series. Rows without enough samples near are NaN.

@@ -13,29 +13,29 @@ const SURELY: f64 = 3.0;
 const LEAST_SHARE: f64 = 0.4;
 /// Readings lie so many rows apart, or they are a matter of chance.
 const SLOWER: f64 = 1.5;
-/// Fewer rows of a joint that surely moves tell nothing.
+/// Fewer rows of a joint that surely moves show nothing.
 const LEAST_ROWS: usize = 20;
 
 /// The run with positions and velocities of joints that repeat a reading, while the joint moves, on a line between the readings; and in
 /// words what that was. A joint that stands still repeats its reading rightly.
 pub fn without_stale(mut run: Run) -> (Run, Vec<String>) {
     let m = &mut run.measured;
-    let mut told = Vec::new();
-    let Some(position) = &mut m.position else { return (run, told) };
+    let mut remarks = Vec::new();
+    let Some(position) = &mut m.position else { return (run, remarks) };
     for column in 0..position.joints {
         let Some(between) = mend(position, column) else { continue };
         // A register is read whole; speeds of a joint whose positions are fresh may repeat by their coarse steps.
         if let Some(velocity) = m.velocity.as_mut().filter(|v| column < v.joints) {
             mend(velocity, column);
         }
-        told.push(format!(
+        remarks.push(format!(
             "{} is logged every {:.0} ms and read every {:.0} ms: rows that repeat a reading are taken to lie on a line between readings",
             run.joint_names.get(column).map_or("a joint", String::as_str),
             1e3 * median_interval(&position.time),
             1e3 * between
         ));
     }
-    (run, told)
+    (run, remarks)
 }
 
 /// Rows of one reading, the first of which is fresh, and how far the next reading is away.

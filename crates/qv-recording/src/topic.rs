@@ -4,8 +4,8 @@ use crate::RecordingError;
 use crate::cdr::Cursor;
 use crate::definitions::standard;
 use crate::mapping::{Mapping, MessageMapping, stream_of};
-use crate::named::Named;
-use crate::plan::{Plan, Wanted};
+use crate::named::NamedJoints;
+use crate::plan::{FieldSelection, Plan};
 use crate::schema::Schema;
 use crate::stream::{ChannelInfo, MessageSink};
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ pub(crate) struct Topic {
     pub stream: Option<(usize, usize)>,
     pub plan: Option<Plan>,
     /// In place of a plan where messages name their joints.
-    pub named: Option<Named>,
+    pub named: Option<NamedJoints>,
     /// The text of a robot's description: `None` where the topic has none.
     pub description: Option<Option<String>>,
     pub refused: Option<String>,
@@ -139,7 +139,7 @@ impl Topic {
         let schema = Schema::parse(&self.info.schema_name, &String::from_utf8_lossy(&self.info.schema_text))?;
         if let Some(names) = &message.names {
             let paths = fields.iter().flat_map(|f| f.fields.iter().map(|w| w.path.clone())).collect();
-            self.named = Some(Named::new(schema, names, paths)?);
+            self.named = Some(NamedJoints::new(schema, names, paths)?);
             return Ok(());
         }
         if fields.iter().any(|f| f.channel.is_of_joints() && f.fields.iter().all(|w| w.elements.is_empty())) {
@@ -151,9 +151,11 @@ impl Topic {
             });
         }
         self.has_header = schema.root().fields.first().is_some_and(|f| f.name == "header");
-        let mut wanted: Vec<Wanted> = fields.iter().flat_map(|f| f.fields.iter().cloned()).collect();
+        let mut wanted: Vec<FieldSelection> = fields.iter().flat_map(|f| f.fields.iter().cloned()).collect();
         if self.has_header {
-            wanted.extend(["sec", "nanosec"].map(|f| Wanted { path: format!("header.stamp.{f}"), elements: vec![0] }));
+            wanted.extend(
+                ["sec", "nanosec"].map(|f| FieldSelection { path: format!("header.stamp.{f}"), elements: vec![0] }),
+            );
         }
         let plan = Plan::compile(&schema, &wanted)?;
         self.row = vec![0.0; plan.width()];

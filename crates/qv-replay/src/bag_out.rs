@@ -1,7 +1,7 @@
 //! `replay.mcap`: simulated beside recorded, as a ROS 2 bag that Foxglove and the `mcap` tools of other languages open.
 
 use crate::joint_state::{joint_state_bytes, row};
-use crate::scene_out::{self, Drawn};
+use crate::scene_out::{self, RobotDrawing};
 use crate::{Replay, ReplayError};
 use mcap::records::MessageHeader;
 use qv_recording::cdr::Writer;
@@ -40,7 +40,7 @@ MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n";
 
 /// One robot of a recording, on topics below `/<name>`. What is empty is not written.
 #[derive(Debug, Clone, Copy)]
-pub struct Recorded<'a> {
+pub struct BagRobot<'a> {
     /// Name of the topics' first part.
     pub name: &'a str,
     /// Joint names, `[n]`.
@@ -71,7 +71,7 @@ pub struct FrameTrace {
     pub poses: Vec<[f64; 7]>,
 }
 
-impl<'a> Recorded<'a> {
+impl<'a> BagRobot<'a> {
     /// Joint states and base alone.
     pub fn new(name: &'a str, joints: &'a [String], trace: &'a Trace) -> Self {
         Self { name, joints, trace, targets: &[], commands: &[], feet: &[], frames: &[], urdf: None }
@@ -94,12 +94,12 @@ struct Beside<'a> {
 /// # Errors
 /// When `out` cannot be written.
 pub fn write_mcap(replay: &Replay, model: &Model, epoch: u64, out: impl Write + Seek) -> Result<(), ReplayError> {
-    let side = |name, trace| Recorded { feet: &replay.feet.names, ..Recorded::new(name, &replay.joint_names, trace) };
+    let side = |name, trace| BagRobot { feet: &replay.feet.names, ..BagRobot::new(name, &replay.joint_names, trace) };
     let robots = [side("recorded", &replay.recorded), side("simulated", &replay.whole)].map(|robot| {
         let is_known = robot.trace.foot_force.len() == robot.feet.len() * robot.trace.time.len();
-        if is_known { robot } else { Recorded { feet: &[], ..robot } }
+        if is_known { robot } else { BagRobot { feet: &[], ..robot } }
     });
-    let drawn = [0, 1].map(|k| Drawn::new(NAMES[k], COLOURS[k], robots[k].trace, &replay.feet, model));
+    let drawn = [0, 1].map(|k| RobotDrawing::new(NAMES[k], COLOURS[k], robots[k].trace, &replay.feet, model));
     let mut topics: Vec<(String, [&str; 2])> = ["/error/whole", "/error/windows"]
         .map(|topic| (topic.into(), ["sensor_msgs/msg/JointState", JOINT_STATE]))
         .into();
@@ -120,11 +120,11 @@ fn finished(written: Result<(), mcap::McapError>) -> Result<(), ReplayError> {
     written.map_err(|e| ReplayError::Write { what: "replay.mcap".into(), reason: e.to_string() })
 }
 
-/// Writes robots beside each other, see [`Recorded`]. `epoch` \[ns\] is the instant of time 0. Same robots, same bytes.
+/// Writes robots beside each other, see [`BagRobot`]. `epoch` \[ns\] is the instant of time 0. Same robots, same bytes.
 ///
 /// # Errors
 /// When `out` cannot be written.
-pub fn write_traces(robots: &[Recorded], epoch: u64, out: impl Write + Seek) -> Result<(), ReplayError> {
+pub fn write_traces(robots: &[BagRobot], epoch: u64, out: impl Write + Seek) -> Result<(), ReplayError> {
     finished(write(robots, &Beside { topics: vec![], at: &|_, _| vec![] }, epoch, out))
 }
 
@@ -138,7 +138,7 @@ struct Channels {
 }
 
 impl Channels {
-    fn new<W: Write + Seek>(writer: &mut mcap::Writer<W>, robot: &Recorded) -> Result<Self, mcap::McapError> {
+    fn new<W: Write + Seek>(writer: &mut mcap::Writer<W>, robot: &BagRobot) -> Result<Self, mcap::McapError> {
         let [joint_state, pose] =
             [("sensor_msgs/msg/JointState", JOINT_STATE), ("geometry_msgs/msg/PoseStamped", POSE_STAMPED)]
                 .map(|(name, text)| writer.add_schema(name, "ros2msg", format!("{text}{HEADER}").as_bytes()));
@@ -161,7 +161,7 @@ impl Channels {
     }
 }
 
-fn write(robots: &[Recorded], beside: &Beside, epoch: u64, out: impl Write + Seek) -> Result<(), mcap::McapError> {
+fn write(robots: &[BagRobot], beside: &Beside, epoch: u64, out: impl Write + Seek) -> Result<(), mcap::McapError> {
     // Single-threaded and without a library stamp of its own: the same robots give the same bytes.
     let options = mcap::WriteOptions::new().profile("ros2").compression(Some(mcap::Compression::Zstd));
     let options = options.compression_level(1).compression_threads(0);
@@ -220,7 +220,7 @@ fn write(robots: &[Recorded], beside: &Beside, epoch: u64, out: impl Write + See
 }
 
 /// All but transforms of one robot at one instant.
-fn messages(robot: &Recorded, channels: &Channels, stamp: u64, i: usize) -> Vec<(u16, Vec<u8>)> {
+fn messages(robot: &BagRobot, channels: &Channels, stamp: u64, i: usize) -> Vec<(u16, Vec<u8>)> {
     let (trace, n) = (robot.trace, robot.trace.joints);
     let states = [&trace.position, &trace.velocity, &trace.torque].map(|values| row(values, i, n));
     let mut out = vec![(channels.joints, joint_state_bytes(stamp, robot.joints, states))];
@@ -243,14 +243,14 @@ fn messages(robot: &Recorded, channels: &Channels, stamp: u64, i: usize) -> Vec<
 }
 
 /// The targets of row `i`, where there is one.
-fn targets(robot: &Recorded, channels: &Channels, stamp: u64, i: usize) -> Option<(u16, Vec<u8>)> {
+fn targets(robot: &BagRobot, channels: &Channels, stamp: u64, i: usize) -> Option<(u16, Vec<u8>)> {
     let row = row(robot.targets, i, robot.trace.joints);
     let data = || joint_state_bytes(stamp, robot.joints, [row, &[], &[]]);
     channels.targets.filter(|_| !row.is_empty()).map(|channel| (channel, data()))
 }
 
 /// Parent, child and pose of each frame of a robot at one instant.
-fn transforms<'a>(robot: &'a Recorded, i: usize) -> Vec<(String, String, &'a [f64; 7])> {
+fn transforms<'a>(robot: &'a BagRobot, i: usize) -> Vec<(String, String, &'a [f64; 7])> {
     if robot.frames.is_empty() {
         let base = finite(robot.trace.base.get(i));
         return base.map(|base| ("world".into(), format!("{}_base", robot.name), base)).into_iter().collect();

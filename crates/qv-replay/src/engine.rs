@@ -4,7 +4,7 @@ use crate::ReplayError;
 use qv_core::JointSeries;
 use qv_recording::Run;
 use qv_rollout::{
-    Covered, Feet, HeldCommands, Numerics, Overrides, Recording, Rollout, Starts, Stretch, Trace, WindowOptions,
+    CoveredSeries, Feet, HeldCommands, Numerics, Overrides, Recording, Rollout, Starts, Stretch, Trace, WindowOptions,
 };
 use qv_sim::{Model, Terrain};
 
@@ -50,7 +50,7 @@ pub struct Windows {
 }
 
 /// What the simulator did, beside what was recorded at the same times.
-pub struct Simulated {
+pub struct ReplayTrace {
     /// Column of the run for each joint of the model.
     pub columns: Vec<usize>,
     /// Feet.
@@ -76,7 +76,7 @@ pub fn simulate(
     model: &Model,
     terrain: &Terrain,
     options: &ReplayOptions,
-) -> Result<Simulated, ReplayError> {
+) -> Result<ReplayTrace, ReplayError> {
     check(options)?;
     let mut rollout = Rollout::new(run, model, terrain, &options.parameters, WindowOptions::default())?;
     rollout.anchors = options.anchor_ground;
@@ -113,7 +113,7 @@ pub fn simulate(
     let seconds = length(&whole) + windows.iter().map(|w| length(&w.trace)).sum::<f64>();
     let whole = padded(whole, first, times, joints, rollout.feet.names.len());
     let windows = Windows { length: options.window, windows, skipped, ran_away: lost };
-    Ok(Simulated { columns: rollout.columns, feet: rollout.feet, recorded, whole, windows, ran_away, seconds })
+    Ok(ReplayTrace { columns: rollout.columns, feet: rollout.feet, recorded, whole, windows, ran_away, seconds })
 }
 
 fn check(options: &ReplayOptions) -> Result<(), ReplayError> {
@@ -164,8 +164,8 @@ fn plan_windows(
     options: &ReplayOptions,
 ) -> (Vec<Stretch>, usize) {
     let (mut plan, mut skipped) = (Vec::new(), 0);
-    let position = Covered::new(run.measured.position.as_ref().expect("checked before"));
-    let pace = commands.pace().map(Covered::new);
+    let position = CoveredSeries::new(run.measured.position.as_ref().expect("checked before"));
+    let pace = commands.pace().map(CoveredSeries::new);
     let mut from = times[0];
     while from + options.window <= times[times.len() - 1] + 1e-9 {
         let to = from + options.window;

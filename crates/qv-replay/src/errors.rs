@@ -130,7 +130,7 @@ impl Sum {
 }
 
 /// Sums over everything that is compared.
-struct Collected {
+struct ErrorSums {
     position: Vec<Sum>,
     velocity: Vec<Sum>,
     torque: Vec<Sum>,
@@ -139,7 +139,7 @@ struct Collected {
     times: Vec<Sum>,
 }
 
-impl Collected {
+impl ErrorSums {
     fn new(joints: usize, legs: usize, duration: f64) -> Self {
         let sums = |n: usize| vec![Sum::default(); n];
         Self {
@@ -241,7 +241,7 @@ pub(super) fn foot_phases(time: &[f64], forces: &[f64], foot: usize, feet: usize
 /// Errors of a trace on the same times as `recorded`.
 pub(crate) fn of_trace(recorded: &Trace, simulated: &Trace, feet: &Feet) -> Errors {
     let phases = phases(recorded, Some(simulated), feet.names.len());
-    let mut sums = Collected::new(recorded.joints, feet.names.len(), duration(recorded));
+    let mut sums = ErrorSums::new(recorded.joints, feet.names.len(), duration(recorded));
     for i in 0..recorded.time.len() {
         sums.add(recorded, i, simulated, i, feet, &phases);
     }
@@ -251,7 +251,7 @@ pub(crate) fn of_trace(recorded: &Trace, simulated: &Trace, feet: &Feet) -> Erro
 /// Errors of all windows together.
 pub(crate) fn of_windows(recorded: &Trace, windows: &Windows, feet: &Feet) -> Errors {
     let phases = phases(recorded, None, feet.names.len());
-    let mut sums = Collected::new(recorded.joints, feet.names.len(), duration(recorded));
+    let mut sums = ErrorSums::new(recorded.joints, feet.names.len(), duration(recorded));
     for window in &windows.windows {
         for k in 0..window.trace.time.len() {
             sums.add(recorded, window.first + k, &window.trace, k, feet, &phases);

@@ -23,7 +23,7 @@ const CHANNELS: [Channel; 3] = [
 ];
 
 /// A trace with its name and its colour of the pages' style.
-pub type Named<'a> = (&'a str, &'a str, &'a Trace);
+pub type NamedTrace<'a> = (&'a str, &'a str, &'a Trace);
 
 /// Numbers of a board for each instant of this trace, where `lines` traces are drawn.
 pub fn numbers_of_an_instant(measured: &Trace, lines: usize) -> usize {
@@ -37,7 +37,7 @@ fn channels(measured: &Trace) -> Vec<&'static Channel> {
 /// Plots over time \[s\] of all joints `names` of a measured trace and of `simulated` ones at the same instants, of the channels that were
 /// measured; `first` is the joint that is shown at first. NaN breaks lines. Positions are kept to 0.01 mrad, velocities to 1 mrad/s, torques
 /// to 1 mN m, times to 0.01 ms: a page holds no more.
-pub fn joint_board(names: &[String], measured: Named, simulated: &[Named], first: usize) -> Board {
+pub fn joint_board(names: &[String], measured: NamedTrace, simulated: &[NamedTrace], first: usize) -> Board {
     let mut board = Board::new("time [s]");
     let channels = channels(measured.2);
     let time = board.column(&measured.2.time, TIME_STEP);
@@ -60,10 +60,10 @@ fn panels(
     board: &mut Board,
     channel: &Channel,
     (joint, time): (usize, Column),
-    (measured, simulated): (Named, &[Named]),
+    (measured, simulated): (NamedTrace, &[NamedTrace]),
     when: &[Vec<usize>],
 ) -> Vec<Panel> {
-    let mut line = |(name, tone, trace): Named| {
+    let mut line = |(name, tone, trace): NamedTrace| {
         let values: Vec<f64> = (channel.of)(trace).iter().skip(joint).step_by(trace.joints.max(1)).copied().collect();
         let is_known = values.iter().any(|x| x.is_finite());
         is_known.then(|| Line::new(name, tone, time, board.column(&values, channel.step)))

@@ -20,12 +20,12 @@ mod scene_out;
 mod unknown_gains;
 mod verdict;
 
-pub use bag_out::{FrameTrace, Recorded, write_mcap, write_traces};
-pub use engine::{ReplayOptions, Simulated, Window, Windows, simulate};
+pub use bag_out::{BagRobot, FrameTrace, write_mcap, write_traces};
+pub use engine::{ReplayOptions, ReplayTrace, Window, Windows, simulate};
 pub use error::ReplayError;
 pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors};
 pub use html::to_html;
-pub use joint_board::{Named, joint_board};
+pub use joint_board::{NamedTrace, joint_board};
 pub use json::to_json;
 pub use layout::layout;
 pub use scene_out::usual_force;
@@ -95,7 +95,7 @@ pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptio
     })
 }
 
-fn model_lags(simulated: &Simulated, names: &[String]) -> Vec<Lag> {
+fn model_lags(simulated: &ReplayTrace, names: &[String]) -> Vec<Lag> {
     let series =
         |trace: &Trace| JointSeries { time: trace.time.clone(), values: trace.position.clone(), joints: trace.joints };
     let columns: Vec<usize> = (0..names.len()).collect();

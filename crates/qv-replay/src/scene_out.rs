@@ -37,7 +37,7 @@ struct Foot {
 }
 
 /// What is drawn of one robot.
-pub(super) struct Drawn {
+pub(super) struct RobotDrawing {
     /// Name of the robot.
     name: &'static str,
     colour: [f64; 3],
@@ -48,7 +48,7 @@ pub(super) struct Drawn {
     scale: f64,
 }
 
-impl Drawn {
+impl RobotDrawing {
     /// Of a robot with a free base whose forces are known; none of another.
     pub(super) fn new(name: &'static str, colour: [f64; 3], trace: &Trace, feet: &Feet, model: &Model) -> Option<Self> {
         let (count, forces) = (feet.names.len(), &trace.foot_force);

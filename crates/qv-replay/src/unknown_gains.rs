@@ -1,11 +1,11 @@
-//! Gains that are not known, from the motion alone: a servo's register holds a number whose unit its maker does not tell.
+//! Gains that are not known, from the motion alone: a servo's register holds a number whose unit its maker does not show.
 //!
 //! Those are taken with which the simulator follows the recording best in windows (output error method; Ljung, System Identification,
 //! 1999, section 7.3). One value for all joints, since servos of one kind have one law.
 
 use crate::ReplayError;
-use crate::engine::{ReplayOptions, Simulated, simulate};
-use qv_recording::run::{Actuator, ActuatorKind, Base, Known, Run};
+use crate::engine::{ReplayOptions, ReplayTrace, simulate};
+use qv_recording::run::{Actuator, ActuatorKind, Base, GainSource, Run};
 use qv_sim::{Model, Terrain};
 
 /// Position gains that a search begins from \[N m/rad\], lowest and highest: a finger's servo, a leg of a large machine. Each is four
@@ -27,7 +27,7 @@ const DEVIATIONS: f64 = 1.96;
 /// Gains that are tried: position gain \[N m/rad\] and velocity gain \[N m s/rad\].
 type Gains = [f64; 2];
 
-/// Finds gains that `run.toml` calls unknown, one value for all joints and all `runs`, which are of one robot, and makes them the runs'. Tells
+/// Finds gains that `run.toml` calls unknown, one value for all joints and all `runs`, which are of one robot, and makes them the runs'. Reports
 /// what was found. Does nothing where all gains are stated.
 ///
 /// # Errors
@@ -40,7 +40,7 @@ pub fn find_gains(
 ) -> Result<(), ReplayError> {
     let Some(first) = runs.first() else { return Ok(()) };
     let law = first.actuator;
-    let wanted = law.gains.map(|known| known == Known::Unknown);
+    let wanted = law.gains.map(|known| known == GainSource::Unknown);
     if wanted == [false; 2] || law.kind != ActuatorKind::Pd {
         return Ok(());
     }
@@ -55,10 +55,10 @@ pub fn find_gains(
     let deviations = [0, 1].map(|k| search.deviation(found, k));
     for run in runs {
         for k in (0..2).filter(|k| wanted[*k]) {
-            run.actuator.gains[k] = Known::Found(deviations[k]);
+            run.actuator.gains[k] = GainSource::Found(deviations[k]);
             let (name, unit) = [("kp", "N m/rad"), ("kd", "N m s/rad")][k];
             let [low, high] = [-1.0, 1.0].map(|s| found.gains[k] * (1.0 + s * DEVIATIONS * deviations[k]).max(0.0));
-            run.told.push(format!(
+            run.remarks.push(format!(
                 "{name} is stated as unknown: {:.4} {unit} of all joints ({low:.4} to {high:.4}) lets the simulator follow best, and no gain is \
                  accused of anything",
                 found.gains[k]
@@ -76,7 +76,7 @@ fn set(law: &mut Actuator, gains: Gains, wanted: [bool; 2]) {
 
 /// Gains, and how far the simulator is off with them.
 #[derive(Debug, Clone, Copy)]
-struct Tried {
+struct GainTrial {
     gains: Gains,
     /// Squared errors of positions over the variance of each joint's motion, summed over joints, mean over windows.
     loss: f64,
@@ -91,7 +91,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn best(&self) -> Result<Tried, ReplayError> {
+    fn best(&self) -> Result<GainTrial, ReplayError> {
         let law = self.runs[0].actuator;
         let grown = std::iter::successors(Some(POSITION[0]), |kp| Some(4.0 * kp).filter(|kp| *kp <= POSITION[1]));
         let positions: Vec<f64> = if self.wanted[0] { grown.collect() } else { vec![law.kp.unwrap_or(0.0)] };
@@ -131,8 +131,8 @@ impl Search<'_> {
         all
     }
 
-    fn lowest(&self, all: &[Gains]) -> Result<Tried, ReplayError> {
-        let tried: Vec<Tried> = all.iter().map(|gains| self.tried(*gains)).collect::<Result<_, _>>()?;
+    fn lowest(&self, all: &[Gains]) -> Result<GainTrial, ReplayError> {
+        let tried: Vec<GainTrial> = all.iter().map(|gains| self.tried(*gains)).collect::<Result<_, _>>()?;
         let best = tried.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss)).filter(|t| t.loss.is_finite());
         best.ok_or_else(|| {
             let expected = format!("a gain from {} to {} with which the simulator follows", POSITION[0], POSITION[1]);
@@ -140,26 +140,26 @@ impl Search<'_> {
         })
     }
 
-    fn tried(&self, gains: Gains) -> Result<Tried, ReplayError> {
+    fn tried(&self, gains: Gains) -> Result<GainTrial, ReplayError> {
         let (mut sum, mut count) = (0.0, 0);
         for run in self.runs {
             let mut run = run.clone();
-            run.actuator.gains = [Known::Stated; 2];
+            run.actuator.gains = [GainSource::Stated; 2];
             set(&mut run.actuator, gains, self.wanted);
             let simulated = simulate(&run, self.model, self.terrain, self.options)?;
             if simulated.windows.ran_away > 0 {
-                return Ok(Tried { gains, loss: f64::INFINITY });
+                return Ok(GainTrial { gains, loss: f64::INFINITY });
             }
             let losses = window_losses(&simulated);
             count += losses.len();
             sum += losses.iter().sum::<f64>();
         }
-        Ok(Tried { gains, loss: if count > 0 { sum / count as f64 } else { f64::INFINITY } })
+        Ok(GainTrial { gains, loss: if count > 0 { sum / count as f64 } else { f64::INFINITY } })
     }
 
     /// Standard deviation of a gain as a share of it, the other one held: from how far it may go before the likelihood ratio, windows taken
     /// for independent, says so (profile likelihood; Pawitan, In All Likelihood, 2001, section 3.4).
-    fn deviation(&self, best: Tried, k: usize) -> f64 {
+    fn deviation(&self, best: GainTrial, k: usize) -> f64 {
         if !self.wanted[k] || best.gains[k] == 0.0 {
             return 0.0;
         }
@@ -186,7 +186,7 @@ impl Search<'_> {
 }
 
 /// Of each window. Joints that hardly move, by the whole run, count by the middle joint's motion.
-fn window_losses(simulated: &Simulated) -> Vec<f64> {
+fn window_losses(simulated: &ReplayTrace) -> Vec<f64> {
     let joints = simulated.columns.len();
     let recorded = &simulated.recorded.position;
     let variances: Vec<f64> = (0..joints).map(|j| variance(recorded.iter().skip(j).step_by(joints))).collect();

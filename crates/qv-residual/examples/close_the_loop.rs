@@ -8,7 +8,7 @@ use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
 use qv_residual::ResidualError;
 use qv_residual::close::{Event, Forget, Inputs, LoopSettings, close};
-use qv_residual::hidden::{Engine, Hidden, Order, wander};
+use qv_residual::hidden::{Engine, HiddenRobot, Order, wander};
 use qv_residual::log::Log;
 use serde_json::json;
 use std::path::Path;
@@ -70,9 +70,9 @@ fn main() -> Result<(), Failure> {
         // Half of the robots in each engine, both kinds of effect in both.
         let engine = if seed / 2 % 2 == 0 { Engine::Ours } else { Engine::Second };
         let hidden = match kind.as_str() {
-            "inside" => Hidden::inside(&robot, engine, seed),
-            "outside" => Hidden::outside(&robot, engine, seed),
-            _ => Hidden::nothing(engine),
+            "inside" => HiddenRobot::inside(&robot, engine, seed),
+            "outside" => HiddenRobot::outside(&robot, engine, seed),
+            _ => HiddenRobot::nothing(engine),
         };
         let policy = start.best_policy(&robot)?;
         let log = record(&hidden, &robot, &ground, &policy, &start, seed)?;
@@ -105,7 +105,7 @@ fn main() -> Result<(), Failure> {
             json!({
                 "robot": hidden.name, "engine": format!("{engine:?}"), "seed": given.seed, "seconds": seconds,
                 "candidates": held, "chosen": report.chosen, "before": before, "after": after,
-                "foretold": [report.before, report.after], "control": report.control, "told": report.told,
+                "foretold": [report.before, report.after], "control": report.control, "remarks": report.remarks,
             })
         );
     }
@@ -113,7 +113,7 @@ fn main() -> Result<(), Failure> {
 }
 
 fn record(
-    hidden: &Hidden,
+    hidden: &HiddenRobot,
     robot: &TaskRobot,
     ground: &Ground,
     policy: &Policy,
@@ -135,7 +135,7 @@ fn record(
         .collect();
     let mut log = Log::new(robot, task);
     for (k, walk) in hidden.walks(robot, ground, policy, task.rate, &orders)?.iter().enumerate() {
-        // A walk that ended in a fall at once has nothing to tell.
+        // A walk that ended in a fall at once has nothing to show.
         if let Err(error) = log.add(&format!("walk {k}"), &walk.run, robot) {
             eprintln!("{error}");
         }

@@ -6,10 +6,10 @@
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
 use qv_residual::fitting::fit_shared_first;
-use qv_residual::hidden::{Engine, Hidden, Order, wander};
+use qv_residual::hidden::{Engine, HiddenRobot, Order, wander};
 use qv_residual::identify::{FitSettings, coordinates, lane_of, tops};
 use qv_residual::log::Log;
-use qv_residual::residual::reinforce::{self, ReinforceSettings, Reinforced};
+use qv_residual::residual::reinforce::{self, ReinforceIteration, ReinforceSettings};
 use qv_residual::residual::supervised::{train_position, train_torque};
 use qv_residual::residual::{ResidualNet, SupervisedSettings};
 use qv_residual::study::Study;
@@ -29,8 +29,8 @@ fn main() -> Result<(), Failure> {
         let seed: u64 = seed.parse()?;
         let engine = if seed % 4 < 2 { Engine::Ours } else { Engine::Second };
         let hidden = match kind {
-            "inside" => Hidden::inside(&robot, engine, seed),
-            _ => Hidden::outside(&robot, engine, seed),
+            "inside" => HiddenRobot::inside(&robot, engine, seed),
+            _ => HiddenRobot::outside(&robot, engine, seed),
         };
         let log = record(&hidden, &robot, &file, seed)?;
         learn(&hidden.name, &log, &robot, &file.settings.task, methods)?;
@@ -39,7 +39,7 @@ fn main() -> Result<(), Failure> {
 }
 
 /// Ten minutes under the policy.
-fn record(hidden: &Hidden, robot: &TaskRobot, file: &Checkpoint, seed: u64) -> Result<Log, Failure> {
+fn record(hidden: &HiddenRobot, robot: &TaskRobot, file: &Checkpoint, seed: u64) -> Result<Log, Failure> {
     let task = &file.settings.task;
     let commands: Vec<_> = (0..30).map(|k| wander(&task.commands, 20.0, seed * 100 + k)).collect();
     let order =
@@ -69,16 +69,16 @@ fn learn(name: &str, log: &Log, robot: &TaskRobot, task: &TaskSettings, methods:
     println!("{name}: {:.0} s, {} held-out windows, nominal {nominal:.4} rad", log.seconds(), held.len());
     let clock = cpu_seconds();
     let identified = identify(&replayer, is_held)?;
-    let tell = |what: &str, error: f64, clock: f64| {
+    let notify = |what: &str, error: f64, clock: f64| {
         println!("  {what:<34} {error:.4} rad {:.2} of nominal {:6.1} CPU s", error / nominal, cpu_seconds() - clock);
     };
-    tell("identified", judge(&identified, None)?, clock);
+    notify("identified", judge(&identified, None)?, clock);
     let training = windows(log, 25, |k| !is_held(k));
     for (on, lane) in [("nominal", Lane::default()), ("identified", identified)] {
         for method in methods.split(',') {
             let clock = cpu_seconds();
             match train(method, &replayer, &training, &lane) {
-                Ok(net) => tell(&format!("{on} + {method}"), judge(&lane, Some(&net))?, clock),
+                Ok(net) => notify(&format!("{on} + {method}"), judge(&lane, Some(&net))?, clock),
                 Err(e) => println!("  {on} + {method}: {e}"),
             }
         }
@@ -96,7 +96,7 @@ fn train(method: &str, replayer: &Replayer, training: &[Window], lane: &Lane) ->
     let name = words.next().unwrap_or_default();
     let mut settings = if name == "torque" { SupervisedSettings::torque() } else { SupervisedSettings::default() };
     let mut reinforced = ReinforceSettings::default();
-    let hear = |r: &Reinforced| {
+    let hear = |r: &ReinforceIteration| {
         if std::env::var("TALK").is_ok() && r.iteration.index % 20 == 19 {
             let i = &r.iteration;
             println!(
@@ -142,11 +142,11 @@ fn identify(replayer: &Replayer, is_held: impl Fn(usize) -> bool) -> Result<Lane
     Ok(lane_of(&fit.coordinates, &fit.point, 0, replayer.log.joints))
 }
 
-/// CPU time of this process \[s\]; 0 where the system does not tell it.
+/// CPU time of this process \[s\]; 0 where the system does not show it.
 fn cpu_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    // utime and stime in ticks, of which Linux tells 100 a second.
+    // utime and stime in ticks, of which Linux shows 100 a second.
     let ticks = |k: usize| fields.get(k).and_then(|x| x.parse::<f64>().ok()).unwrap_or(0.0);
     (ticks(11) + ticks(12)) / 100.0
 }

@@ -1,7 +1,7 @@
 //! Torques that the simulator's parameters lack, as a sum of known shapes for each joint: friction that falls with speed, friction that
 //! grows with load, drag, saturation, springs. Linear in its numbers, so that few recordings suffice, and behind the motors' latency.
 
-use qv_policy::compensate::{Compensator, Seen};
+use qv_policy::compensate::{Compensator, SimulatedStates};
 use rayon::prelude::*;
 
 /// Shapes of a joint's torque: name and unit of the number before it. `s` is a smooth sign of the speed, odd and within -1 to 1.
@@ -48,13 +48,13 @@ pub struct BasisTorque {
 impl Compensator for BasisTorque {
     fn begin(&mut self, _env: usize) {}
 
-    fn move_targets(&mut self, _seen: &Seen, _sent: &mut [f32]) {}
+    fn move_targets(&mut self, _seen: &SimulatedStates, _sent: &mut [f32]) {}
 
     fn adds_torques(&self) -> bool {
         true
     }
 
-    fn add_torques(&mut self, seen: &Seen, added: &mut [f32]) {
+    fn add_torques(&mut self, seen: &SimulatedStates, added: &mut [f32]) {
         let joints = self.stand.len();
         let own = joints * SHAPES.len();
         let is_shared = self.numbers.len() == own;

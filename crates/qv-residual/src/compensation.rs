@@ -4,7 +4,7 @@ use crate::ResidualError;
 use crate::basis::SHAPES;
 use crate::identify::{Coordinate, basis, shapes_of, values_of};
 use crate::residual::ResidualNet;
-use crate::tune::Corrected;
+use crate::tune::CorrectedSimulator;
 use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::velocity::TaskRobot;
 use serde::{Deserialize, Serialize};
@@ -125,12 +125,12 @@ impl Compensation {
     ///
     /// # Errors
     /// When the net is another robot's.
-    pub fn corrected(&self, robot: &TaskRobot, substeps: usize) -> Result<Corrected, ResidualError> {
+    pub fn corrected(&self, robot: &TaskRobot, substeps: usize) -> Result<CorrectedSimulator, ResidualError> {
         let compensator = match &self.net {
             Some(net) => Some(net.compensator(robot, substeps, 1)?),
             None => (!self.shapes.is_empty()).then(|| basis(robot, self.shapes.clone())),
         };
-        Ok(Corrected { parameters: self.parameters.clone(), ranges: self.ranges.clone(), compensator })
+        Ok(CorrectedSimulator { parameters: self.parameters.clone(), ranges: self.ranges.clone(), compensator })
     }
 
     /// A lane of replays with the parameters.

@@ -6,7 +6,7 @@
 
 use crate::ResidualError;
 use crate::identify::{Coordinate, FitSettings, expanded, shared};
-use qv_fit::{Blocks, Loss, Options, Problem, Scatter, Stopped};
+use qv_fit::{Blocks, Loss, Options, Problem, Scatter, StopReason};
 use qv_rollout::ENGINE_ERROR;
 use rayon::prelude::*;
 
@@ -68,7 +68,7 @@ impl Fit {
     }
 }
 
-/// Fits coordinates to windows from a point; `tell` hears of each step and its cost.
+/// Fits coordinates to windows from a point; `notify` hears of each step and its cost.
 ///
 /// # Errors
 /// When the simulator refuses a number, or all windows run away.
@@ -77,7 +77,7 @@ pub fn fit(
     coordinates: Vec<Coordinate>,
     start: &[f64],
     steps: usize,
-    tell: &mut dyn FnMut(usize, f64),
+    notify: &mut dyn FnMut(usize, f64),
 ) -> Result<Fit, ResidualError> {
     let options = Options {
         loss: loss(),
@@ -103,10 +103,10 @@ pub fn fit(
             fit.deviations = deviations;
         }
         fit.costs.push(found.cost);
-        tell(step, found.cost);
+        notify(step, found.cost);
         fit.point.clone_from(&found.values);
         problem.start = found.values;
-        if found.stopped != Stopped::Rounds {
+        if found.stopped != StopReason::Rounds {
             break;
         }
     }
@@ -124,16 +124,16 @@ pub fn fit_shared_first(
     windows: &dyn Windows,
     coordinates: Vec<Coordinate>,
     settings: &FitSettings,
-    tell: &mut dyn FnMut(usize, f64),
+    notify: &mut dyn FnMut(usize, f64),
 ) -> Result<Fit, ResidualError> {
     let shared = shared(&coordinates);
     let neutral: Vec<f64> = shared.iter().map(|c| c.neutral).collect();
-    let together = fit(windows, shared.clone(), &neutral, settings.steps, tell)?.point;
-    let one_by_one = chosen_one_by_one(windows, &shared, settings.steps, tell)?;
+    let together = fit(windows, shared.clone(), &neutral, settings.steps, notify)?.point;
+    let one_by_one = chosen_one_by_one(windows, &shared, settings.steps, notify)?;
     let costs = costs(windows, &shared, &[together.clone(), one_by_one.clone()])?;
     let point = if costs[0] < costs[1] { together } else { one_by_one };
     let start = expanded(&coordinates, &shared, &point);
-    let mut fit = fit(windows, coordinates, &start, settings.steps, tell)?;
+    let mut fit = fit(windows, coordinates, &start, settings.steps, notify)?;
     let away = fit.point.iter().zip(&fit.coordinates).map(|(x, c)| (x - c.neutral).abs());
     fit.deviations.iter_mut().zip(away).for_each(|(deviation, away)| *deviation = deviation.hypot(ENGINE_ERROR * away));
     Ok(fit)
@@ -145,7 +145,7 @@ fn chosen_one_by_one(
     windows: &dyn Windows,
     shared: &[Coordinate],
     steps: usize,
-    tell: &mut dyn FnMut(usize, f64),
+    notify: &mut dyn FnMut(usize, f64),
 ) -> Result<Vec<f64>, ResidualError> {
     let mut point: Vec<f64> = shared.iter().map(|c| c.neutral).collect();
     let mut chosen: Vec<usize> = Vec::new();
@@ -160,7 +160,7 @@ fn chosen_one_by_one(
         chosen.push(coordinate);
         let some: Vec<Coordinate> = chosen.iter().map(|&k| shared[k].clone()).collect();
         let start: Vec<f64> = chosen.iter().map(|&k| point[k]).collect();
-        let fit = fit(windows, some, &start, steps.min(CHOICE_STEPS), tell)?;
+        let fit = fit(windows, some, &start, steps.min(CHOICE_STEPS), notify)?;
         chosen.iter().zip(fit.point).for_each(|(&k, x)| point[k] = x);
     }
     Ok(point)

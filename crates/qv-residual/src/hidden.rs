@@ -1,9 +1,9 @@
 //! Robots that no fit has seen: simulated with effects that are drawn and kept to themselves, in the second engine or ours at a finer step.
-//! They record walks as a robot would, with noise, and tell where a policy takes them.
+//! They record walks as a robot would, with noise, and show where a policy takes them.
 
 mod drawn;
 
-pub use drawn::{Engine, Hidden, Outside};
+pub use drawn::{Engine, HiddenRobot, Outside};
 
 use crate::ResidualError;
 use crate::paths::{Path, PathScore, SETTLING, commands, from_start, measured};
@@ -13,7 +13,7 @@ use qv_policy::policy::Policy;
 use qv_policy::score::Decide;
 use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings};
 use qv_recording::Run;
-use qv_recording::run::{Actuator, ActuatorKind, Base, JointParameters, Known, Measurements, Robot};
+use qv_recording::run::{Actuator, ActuatorKind, Base, GainSource, JointParameters, Measurements, Robot};
 #[cfg(feature = "rapier")]
 use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{Batch, JointCommand, Model, SensorReading, SimOptions, State};
@@ -37,7 +37,7 @@ enum Plant {
 }
 
 impl Plant {
-    fn new(hidden: &Hidden, model: &Model, ground: &Ground, state: &State) -> Result<Self, ResidualError> {
+    fn new(hidden: &HiddenRobot, model: &Model, ground: &Ground, state: &State) -> Result<Self, ResidualError> {
         let ours = || -> Result<Self, ResidualError> {
             let options = SimOptions { timestep: STEP, max_command_latency: 0.06, ..Default::default() };
             let mut batch = Batch::<f64>::new(model, &ground.terrain, &options, 1)?;
@@ -122,7 +122,7 @@ pub struct Walk {
     pub run: Run,
 }
 
-/// What a walk is told.
+/// What a walk is reported.
 #[derive(Clone, Copy)]
 pub struct Order<'a> {
     /// Commands with the times at which they begin \[s\].
@@ -144,7 +144,7 @@ pub fn wander(ranges: &Commands, seconds: f32, seed: u64) -> Vec<(f32, [f32; 3])
         .collect()
 }
 
-impl Hidden {
+impl HiddenRobot {
     /// Walks, side by side on all threads.
     ///
     /// # Errors
@@ -368,7 +368,13 @@ impl Recorder {
             joint_names: robot.model.joint_names().to_vec(),
             foot_names: Vec::new(),
             imu_position: frame.map_or([0.0; 3], |f| f.link_from_frame.position.to_array()),
-            actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
+            actuator: Actuator {
+                kind: ActuatorKind::Pd,
+                kp: None,
+                kd: None,
+                tau_max: None,
+                gains: [GainSource::Stated; 2],
+            },
             joint_parameters: vec![JointParameters::default(); robot.joints()],
             commands: qv_recording::run::Commands {
                 position: kept(self.commands),
@@ -389,7 +395,7 @@ impl Recorder {
             sources: Vec::new(),
             faults: Vec::new(),
             lost: Vec::new(),
-            told: Vec::new(),
+            remarks: Vec::new(),
         }
     }
 }

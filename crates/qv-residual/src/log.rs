@@ -3,7 +3,7 @@
 use crate::ResidualError;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_recording::Run;
-use qv_rollout::{Command, Covered, HeldCommands, Legs, SensorErrors, Starts, feet_of, joint_columns};
+use qv_rollout::{Command, CoveredSeries, HeldCommands, Legs, SensorErrors, Starts, feet_of, joint_columns};
 use rayon::prelude::*;
 
 /// Part of a recording without holes, on a grid of decisions.
@@ -37,7 +37,7 @@ pub struct Log {
     /// The recordings that they are of, by name, without torques, accelerations and forces of feet.
     pub runs: Vec<(String, Run)>,
     /// What was left out of the recordings, a sentence each.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
 }
 
 /// Longest stretch \[s\]: clocks of robot and recorder part company over longer ones, and held-out blocks are made of these.
@@ -78,7 +78,7 @@ impl Log {
             kd: robot.kd.clone(),
             stretches: Vec::new(),
             runs: Vec::new(),
-            told: Vec::new(),
+            remarks: Vec::new(),
         }
     }
 
@@ -107,7 +107,7 @@ impl Log {
         let starts = match run.measured.base_pose.as_ref().filter(|p| !p.is_empty()) {
             Some(_) => Starts::new(run, &columns, true, SensorErrors::default())?,
             None => {
-                self.told.push(format!("{name}: no poses of the base; it goes where its legs carry it"));
+                self.remarks.push(format!("{name}: no poses of the base; it goes where its legs carry it"));
                 Starts::on_legs(
                     run,
                     &columns,
@@ -119,8 +119,8 @@ impl Log {
         self.check_gains(name, run, &commands)?;
         let decision = 1.0 / f64::from(self.rate);
         let [mut from, end] = run.span();
-        let position = Covered::new(run.measured.position.as_ref().expect("joint_columns asks for it"));
-        let pace = commands.pace().map(Covered::new);
+        let position = CoveredSeries::new(run.measured.position.as_ref().expect("joint_columns asks for it"));
+        let pace = commands.pace().map(CoveredSeries::new);
         let first = commands.pace().and_then(|c| c.time.first().copied()).unwrap_or(from);
         from = from.max(first);
         let (mut lost, mut fallen, mut twice) = (0, 0, 0);
@@ -156,7 +156,7 @@ impl Log {
             (twice, "they were given already"),
         ];
         for (count, why) in left_out.into_iter().filter(|(count, _)| *count > 0) {
-            self.told.push(format!("{name}: {:.1} s left out: {why}", count as f64 * decision));
+            self.remarks.push(format!("{name}: {:.1} s left out: {why}", count as f64 * decision));
         }
         if self.stretches.iter().all(|s| s.recording != name) {
             let why = match (fallen, twice) {

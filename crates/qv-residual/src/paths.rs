@@ -114,7 +114,7 @@ impl PathScore {
         if error > 0.0 { (self.fell as f32 / own - other.fell as f32 / others) / error } else { 0.0 }
     }
 
-    /// Whether these walks are better than `other` ones by `errors` standard errors: fewer fell, or as far as can be told as many did, and they
+    /// Whether these walks are better than `other` ones by `errors` standard errors: fewer fell, or as far as can be reported as many did, and they
     /// lie nearer to the commanded path. A single fall of a hundred is chance, and decides nothing.
     pub fn is_better(&self, other: &Self, errors: f32) -> bool {
         let more = self.falls_more(other);

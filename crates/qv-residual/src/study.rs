@@ -20,13 +20,13 @@ const REPLICATES: u64 = 3;
 const MARGIN: f64 = 0.1;
 
 /// A recording of the robot: joints may be in another order than in others.
-struct Part<'a> {
+struct RunWindows<'a> {
     rollout: Rollout<'a>,
     noise: Noise,
     windows: Vec<Window>,
 }
 
-impl<'a> Part<'a> {
+impl<'a> RunWindows<'a> {
     fn new(run: &Run, robot: &'a TaskRobot, terrain: &Terrain) -> Result<Self, ResidualError> {
         let mut rollout = Rollout::new(run, &robot.model, terrain, &[], WindowOptions::default())?;
         // The simulator of the training knows nothing of what a recording states, and corrections are differences from that simulator.
@@ -39,7 +39,7 @@ impl<'a> Part<'a> {
 
 /// A robot on its ground and windows of its recordings.
 pub struct Study<'a> {
-    parts: Vec<Part<'a>>,
+    parts: Vec<RunWindows<'a>>,
     /// Recordings that lack a channel which most windows have: they are left out.
     pub left_out: Vec<String>,
 }
@@ -57,7 +57,7 @@ impl<'a> Study<'a> {
         most: usize,
         wanted: &dyn Fn(usize, [f64; 2]) -> bool,
     ) -> Result<Self, ResidualError> {
-        let part = |(_, run): &(String, Run)| Part::new(run, robot, terrain);
+        let part = |(_, run): &(String, Run)| RunWindows::new(run, robot, terrain);
         let mut parts = log.runs.iter().map(part).collect::<Result<Vec<_>, _>>()?;
         let starts: Vec<Vec<f64>> = parts.iter().enumerate().map(|(k, part)| starts(log, k, part, wanted)).collect();
         let (channels, left_out) = shared_channels(log, &parts, &starts);
@@ -80,7 +80,7 @@ impl<'a> Study<'a> {
 }
 
 /// Begins \[s\] of the windows of a recording in which nothing is missing, one after the other in its stretches.
-fn starts(log: &Log, run: usize, part: &Part, wanted: &dyn Fn(usize, [f64; 2]) -> bool) -> Vec<f64> {
+fn starts(log: &Log, run: usize, part: &RunWindows, wanted: &dyn Fn(usize, [f64; 2]) -> bool) -> Vec<f64> {
     let (name, run) = &log.runs[run];
     let length = part.rollout.cut.window;
     let of_stretch = |(k, stretch): (usize, &Stretch)| {
@@ -94,7 +94,7 @@ fn starts(log: &Log, run: usize, part: &Part, wanted: &dyn Fn(usize, [f64; 2]) -
 }
 
 /// The channels that most windows have, and the recordings with others.
-fn shared_channels(log: &Log, parts: &[Part], starts: &[Vec<f64>]) -> (Vec<Channel>, Vec<String>) {
+fn shared_channels(log: &Log, parts: &[RunWindows], starts: &[Vec<f64>]) -> (Vec<Channel>, Vec<String>) {
     let with = |channels: &[Channel]| -> usize {
         parts.iter().zip(starts).filter(|(part, _)| part.rollout.channels == channels).map(|(_, s)| s.len()).sum()
     };
@@ -114,7 +114,7 @@ impl Windows for Study<'_> {
     fn residuals(&self, coordinates: &[Coordinate], points: &[Vec<f64>]) -> Result<Vec<Blocks>, ResidualError> {
         let settings: Vec<Overrides> = points.iter().map(|p| setting(coordinates, p)).collect();
         let mut all = vec![Blocks::new(); points.len()];
-        for Part { rollout, windows, .. } in &self.parts {
+        for RunWindows { rollout, windows, .. } in &self.parts {
             let windows: Vec<&Window> = windows.iter().collect();
             let found = compare(rollout, &rollout.numerics, &windows, &settings)?.values;
             all.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
@@ -125,7 +125,7 @@ impl Windows for Study<'_> {
     fn null(&self, coordinates: &[Coordinate], point: &[f64]) -> Result<Blocks, ResidualError> {
         let setting = setting(coordinates, point);
         let mut all = Blocks::new();
-        for Part { rollout, noise, windows } in &self.parts {
+        for RunWindows { rollout, noise, windows } in &self.parts {
             let numerics = rollout.numerics;
             for seed in 0..REPLICATES {
                 let replicate = Replicate { setting: setting.clone(), numerics, seed, ground_error: 0.0 };

@@ -60,7 +60,7 @@ impl Default for TuneSettings {
 }
 
 /// A simulator made like the robot.
-pub struct Corrected {
+pub struct CorrectedSimulator {
     /// Parameters of the simulator.
     pub parameters: BTreeMap<String, f64>,
     /// Ranges within which robots differ in training.
@@ -69,7 +69,7 @@ pub struct Corrected {
     pub compensator: Option<Box<dyn Compensator>>,
 }
 
-impl Corrected {
+impl CorrectedSimulator {
     /// The simulator as it is.
     pub fn nominal() -> Self {
         Self { parameters: BTreeMap::new(), ranges: BTreeMap::new(), compensator: None }
@@ -84,7 +84,7 @@ impl Corrected {
     }
 }
 
-/// Trains a policy on from a checkpoint's best networks, under corrections. `tell` hears of each iteration.
+/// Trains a policy on from a checkpoint's best networks, under corrections. `notify` hears of each iteration.
 ///
 /// # Errors
 /// When the checkpoint is another robot's, or a number is not finite.
@@ -92,9 +92,9 @@ pub fn train_on(
     robot: &TaskRobot,
     ground: &Ground,
     start: &Checkpoint,
-    corrected: &Corrected,
+    corrected: &CorrectedSimulator,
     settings: &TuneSettings,
-    mut tell: impl FnMut(&Line, Option<&PathScore>),
+    mut notify: impl FnMut(&Line, Option<&PathScore>),
 ) -> Result<Policy, ResidualError> {
     let mut train = TrainSettings { seed: settings.seed, robots: settings.robots, ..start.settings.clone() };
     train.task = corrected.task(&train.task);
@@ -132,7 +132,7 @@ pub fn train_on(
             }
             found = Some(score);
         }
-        tell(&line, found.as_ref());
+        notify(&line, found.as_ref());
     }
     let task = &start.settings.task;
     if settings.calibration > 0 {
@@ -159,7 +159,7 @@ pub fn judge_of(
     robot: &TaskRobot,
     ground: &Ground,
     task: &TaskSettings,
-    corrected: &Corrected,
+    corrected: &CorrectedSimulator,
     walks: usize,
 ) -> Result<VelocityTask, ResidualError> {
     let mut judge = VelocityTask::new(robot.clone(), ground.clone(), corrected.task(task), walks)?;

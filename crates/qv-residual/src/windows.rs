@@ -2,7 +2,7 @@
 
 use crate::ResidualError;
 use crate::log::Log;
-use qv_policy::compensate::{Compensator, Seen};
+use qv_policy::compensate::{Compensator, SimulatedStates};
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_sim::{Batch, BatchCommand, JointCommand, LineSearch, SimOptions, State, Terrain};
 use rayon::prelude::*;
@@ -348,8 +348,13 @@ impl<'a> Running<'a> {
                 if substep == 0 || compensator.adds_torques() {
                     self.look(batch, substep == 0)?;
                 }
-                let seen =
-                    |targets| Seen { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets };
+                let seen = |targets| SimulatedStates {
+                    q: &self.q,
+                    v: &self.v,
+                    torques: &self.torques,
+                    forces: &self.forces,
+                    targets,
+                };
                 if substep == 0 {
                     compensator.move_targets(&seen(&self.asked), &mut self.sent);
                     moved = self.sent.iter().zip(&self.asked).map(|(sent, asked)| sent - asked).collect();

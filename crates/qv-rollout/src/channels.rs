@@ -119,7 +119,7 @@ fn shell(run: &Run) -> Run {
         sources: Vec::new(),
         faults: Vec::new(),
         lost: Vec::new(),
-        told: Vec::new(),
+        remarks: Vec::new(),
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::RolloutError;
 use qv_core::JointSeries;
 use qv_recording::gaps::hold;
-use qv_recording::run::{ActuatorKind, Clock, Known, Run};
+use qv_recording::run::{ActuatorKind, Clock, GainSource, Run};
 use qv_sim::JointCommand;
 
 /// Commands of a run in the model's joint order, held between their stamps. Blank cells hold the value before them.
@@ -73,7 +73,7 @@ impl HeldCommands {
                     return missing("commands");
                 }
                 // Gains of zero are a decision to be written down, not what a forgotten line means.
-                if run.actuator.gains.contains(&Known::Unknown) {
+                if run.actuator.gains.contains(&GainSource::Unknown) {
                     return missing(
                         "gains as numbers (`qv replay`, `diagnose`, `next` and `view` find those called unknown)",
                     );

@@ -18,7 +18,7 @@ pub(crate) fn sample_times<'a>(rollout: &'a Rollout, start: f64) -> impl Iterato
     (1..=count).map(move |k| start + k as f64 * rollout.cut.sample)
 }
 
-/// The measured attitude of the base at each sample, `world_from_base`; `None` when it cannot be told.
+/// The measured attitude of the base at each sample, `world_from_base`; `None` when it cannot be reported.
 pub(crate) fn attitudes(rollout: &Rollout, view: &Run, starts: &Starts, start: f64) -> Option<Vec<DQuat>> {
     let yaw = yaw_of_imu(rollout, view, starts, start)?;
     sample_times(rollout, start).map(|t| attitude_at(view, yaw, &SensorErrors::default(), t)).collect()

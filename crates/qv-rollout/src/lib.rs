@@ -43,11 +43,11 @@ pub use parameters::{
     Overrides, expand, joint_columns, name_parts, parameters_from_toml, stated_parameters, with_stated_rotors,
 };
 pub use place::Sensors;
-pub use residuals::{Raw, Residuals, Traced, are_near, compare, compare_and_trace};
+pub use residuals::{Raw, Residuals, TracedResiduals, are_near, compare, compare_and_trace};
 pub use robot::{Event, Rollout};
 pub use sensors::SensorErrors;
 pub use simulation::Simulation;
-pub use start::{Covered, Starts};
+pub use start::{CoveredSeries, Starts};
 pub use start_cache::measured;
 pub use stretches::{Recording, Stretch, joint_lags};
 pub use trace::Trace;

@@ -111,7 +111,7 @@ fn of_column(series: &Option<JointSeries>, column: usize) -> f64 {
         return 0.0;
     }
     let rms = (all.iter().map(|d| d * d).sum::<f64>() / all.len() as f64).sqrt();
-    // Coarse steps of an encoder leave most differences at zero: their mean square still tells.
+    // Coarse steps of an encoder leave most differences at zero: their mean square still shows.
     let robust = 1.4826 * median(&mut all);
     if robust > 0.0 { robust } else { rms }
 }

@@ -9,7 +9,7 @@ use crate::robot::Rollout;
 use crate::sensors::SensorErrors;
 use crate::simulation::Simulation;
 use crate::trace::Trace;
-use crate::window::{Prepared, Window};
+use crate::window::{PreparedWindow, Window};
 use crate::{HeldCommands, RolloutError};
 use glam::{DQuat, DVec3};
 use qv_sim::{ActsOn, Batch, Precision, State, WorldField};
@@ -35,7 +35,7 @@ pub struct Residuals {
 }
 
 /// The same, and what joints did in the windows that no fit sees, under the first setting.
-pub struct Traced {
+pub struct TracedResiduals {
     /// As [`compare`] has them.
     pub residuals: Residuals,
     /// Shape `[windows]`; `None` where a fit sees the window, or the simulation ran away.
@@ -71,7 +71,7 @@ pub fn compare_and_trace(
     numerics: &Numerics,
     windows: &[&Window],
     settings: &[Overrides],
-) -> Result<Traced, RolloutError> {
+) -> Result<TracedResiduals, RolloutError> {
     compare_some(rollout, numerics, windows, settings, true)
 }
 
@@ -81,13 +81,13 @@ fn compare_some(
     windows: &[&Window],
     settings: &[Overrides],
     traced: bool,
-) -> Result<Traced, RolloutError> {
+) -> Result<TracedResiduals, RolloutError> {
     let (prepared, cases) = prepare(rollout, windows, settings);
     let held: Vec<Arc<HeldCommands>> = windows.par_iter().map(|w| w.held(rollout)).collect::<Result<_, _>>()?;
     let together = if cases.len() < FEW { FEW_TOGETHER } else { TOGETHER };
     let chunks: Vec<&[Case]> = cases.chunks(together).collect();
     let simulate = if is_near(rollout, prepared.iter().flatten()) { simulate::<f32> } else { simulate::<f64> };
-    let done: Vec<Vec<Done>> = chunks
+    let done: Vec<Vec<CaseResult>> = chunks
         .par_iter()
         .map(|chunk| simulate(rollout, numerics, windows, settings, (&prepared, &held), (chunk, traced)))
         .collect::<Result<_, RolloutError>>()?;
@@ -100,11 +100,15 @@ fn compare_some(
         }
     }
     let ticks = (rollout.cut.window / numerics.timestep).round() as usize;
-    Ok(Traced { residuals: Residuals { values, steps: ticks * cases.len() }, traces })
+    Ok(TracedResiduals { residuals: Residuals { values, steps: ticks * cases.len() }, traces })
 }
 
 /// Starts and measured features, once for each window and each distinct set of sensor errors; cases by window.
-fn prepare(rollout: &Rollout, windows: &[&Window], settings: &[Overrides]) -> (Vec<Option<Arc<Prepared>>>, Vec<Case>) {
+fn prepare(
+    rollout: &Rollout,
+    windows: &[&Window],
+    settings: &[Overrides],
+) -> (Vec<Option<Arc<PreparedWindow>>>, Vec<Case>) {
     let mut distinct: Vec<SensorErrors> = Vec::new();
     let of_setting: Vec<usize> = settings
         .iter()
@@ -133,7 +137,7 @@ fn prepare(rollout: &Rollout, windows: &[&Window], settings: &[Overrides]) -> (V
 
 /// Whether single precision will do for windows of a robot with a free base that begin at `starts`: what noise does in them is a hundred
 /// times what rounding does. An arm is held for longer, and stands on its head, where rounding grows.
-fn is_near<'p>(rollout: &Rollout, mut starts: impl Iterator<Item = &'p Arc<Prepared>>) -> bool {
+fn is_near<'p>(rollout: &Rollout, mut starts: impl Iterator<Item = &'p Arc<PreparedWindow>>) -> bool {
     rollout.free && starts.all(|p| DVec3::from_slice(&p.state.q).length() < NEAR)
 }
 
@@ -147,7 +151,7 @@ pub fn are_near(rollout: &Rollout, windows: &[Window]) -> bool {
 
 /// What is left of one simulation; nothing where it ran away.
 #[derive(Default, Clone)]
-struct Done {
+struct CaseResult {
     residual: Vec<f64>,
     trace: Option<Trace>,
 }
@@ -157,12 +161,12 @@ fn simulate<T: Precision>(
     numerics: &Numerics,
     windows: &[&Window],
     settings: &[Overrides],
-    (prepared, held): (&[Option<Arc<Prepared>>], &[Arc<HeldCommands>]),
+    (prepared, held): (&[Option<Arc<PreparedWindow>>], &[Arc<HeldCommands>]),
     (cases, traced): (&[Case], bool),
-) -> Result<Vec<Done>, RolloutError> {
+) -> Result<Vec<CaseResult>, RolloutError> {
     let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();
     if live.is_empty() {
-        return Ok(vec![Done::default(); cases.len()]);
+        return Ok(vec![CaseResult::default(); cases.len()]);
     }
     let latency = live.iter().map(|c| rollout.longest_latency(&settings[c.setting])).fold(0.0, f64::max);
     let mut simulation = Simulation::<T>::new(rollout, *numerics, [latency, 0.0], live.len())?;
@@ -215,12 +219,12 @@ fn simulate<T: Precision>(
             })?;
         }
     }
-    let mut out = vec![Done::default(); cases.len()];
+    let mut out = vec![CaseResult::default(); cases.len()];
     let mut tracks = tracks.into_iter().zip(refused);
     for (k, case) in cases.iter().enumerate() {
         if let (Some(start), true) = (&prepared[case.prepared], prepared[case.prepared].is_some()) {
             let (track, is_refused) = tracks.next().expect("one for each live case");
-            out[k] = if is_refused { Done::default() } else { track.done(rollout, start) };
+            out[k] = if is_refused { CaseResult::default() } else { track.done(rollout, start) };
         }
     }
     Ok(out)
@@ -322,9 +326,9 @@ impl<'a> Track<'a> {
     }
 
     /// Measured minus simulated features, and the trace; nothing when the simulation ran away.
-    fn done(mut self, rollout: &Rollout, start: &Prepared) -> Done {
+    fn done(mut self, rollout: &Rollout, start: &PreparedWindow) -> CaseResult {
         if self.broken {
-            return Done::default();
+            return CaseResult::default();
         }
         let trace = self.trace.take();
         let (bins, per_bin, joints) = (rollout.cut.bins(), rollout.cut.samples_per_bin(), rollout.columns.len());
@@ -344,7 +348,7 @@ impl<'a> Track<'a> {
                 Channel::Ground => simulated.push(-self.ground),
             }
         }
-        Done { residual: start.measured.iter().zip(simulated).map(|(m, s)| m - s).collect(), trace }
+        CaseResult { residual: start.measured.iter().zip(simulated).map(|(m, s)| m - s).collect(), trace }
     }
 }
 

@@ -36,7 +36,7 @@ pub struct Rollout<'a> {
     pub columns: Vec<usize>,
     /// Whether the base is free.
     pub free: bool,
-    /// Whether no poses of a free base were measured, so that its legs tell where it goes.
+    /// Whether no poses of a free base were measured, so that its legs show where it goes.
     pub on_legs: bool,
     /// Its feet.
     pub feet: Feet,
@@ -229,7 +229,7 @@ impl<'a> Rollout<'a> {
     /// Smoothed states of a part of the recording, freed of the sensors' `errors`.
     ///
     /// # Errors
-    /// When it lacks what states are told by.
+    /// When it lacks what states are given by.
     pub fn starts<'r>(&self, view: &'r Run, errors: SensorErrors) -> Result<Starts<'r>, RolloutError> {
         if self.on_legs {
             Starts::on_legs(view, &self.columns, errors, Legs { model: self.model, feet: &self.feet.geoms })

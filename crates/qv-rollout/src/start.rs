@@ -35,12 +35,12 @@ pub struct Starts<'a> {
     /// Poses of the base: measured, or by its legs.
     poses: Option<Cow<'a, JointSeries>>,
     /// Shared by all errors that concern the joints and the gyroscope alone.
-    prepared: Arc<Prepared>,
+    prepared: Arc<SmoothedStart>,
 }
 
 /// What takes most of the time.
 #[derive(Default)]
-struct Prepared {
+struct SmoothedStart {
     /// Sine and cosine of the yaw from the IMU's world to that of each pose.
     yaws: Vec<Yaw>,
     derived_velocity: Option<JointSeries>,
@@ -133,11 +133,11 @@ impl<'a> Starts<'a> {
             Some(_) => None,
             None => joint_velocity(run).map(|d| d.series),
         };
-        let mut prepared = Prepared { derived_velocity, filters: Filters::of(run), ..Prepared::default() };
+        let mut prepared = SmoothedStart { derived_velocity, filters: Filters::of(run), ..SmoothedStart::default() };
         if let Some(poses) = &starts.poses {
             prepared.yaws = starts.yaws();
             prepared.path = starts.imu_path();
-            // Derived from the poses only where no IMU tells better: differentiating costs more than all else here.
+            // Derived from the poses only where no IMU shows better: differentiating costs more than all else here.
             if prepared.path.is_none() {
                 prepared.base_velocity = base_velocity(poses).map(|d| d.series);
             }
@@ -388,19 +388,22 @@ impl ImuPath {
     }
 }
 
-fn vector(at: &[qv_recording::smooth::Smoothed], part: impl Fn(&qv_recording::smooth::Smoothed) -> f64) -> DVec3 {
+fn vector(
+    at: &[qv_recording::smooth::ValueAndSlope],
+    part: impl Fn(&qv_recording::smooth::ValueAndSlope) -> f64,
+) -> DVec3 {
     DVec3::new(part(&at[0]), part(&at[1]), part(&at[2]))
 }
 
-/// A series, and what is a hole in it: an interval longer than five periods, which all of its stamps tell.
+/// A series, and what is a hole in it: an interval longer than five periods, which all of its stamps show.
 #[derive(Clone, Copy)]
-pub struct Covered<'a> {
+pub struct CoveredSeries<'a> {
     /// The series.
     pub series: &'a JointSeries,
     longest: f64,
 }
 
-impl<'a> Covered<'a> {
+impl<'a> CoveredSeries<'a> {
     /// Looks at all stamps, once.
     pub fn new(series: &'a JointSeries) -> Self {
         Self { series, longest: 5.0 * median_interval(&series.time).max(1e-9) }

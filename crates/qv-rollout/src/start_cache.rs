@@ -5,10 +5,10 @@ use crate::parameters::Overrides;
 use crate::robot::Rollout;
 use crate::sensors::SensorErrors;
 use crate::start::Starts;
-use crate::window::{Kept, Prepared, Window};
+use crate::window::{PreparedCache, PreparedWindow, Window};
 use std::sync::Arc;
 
-impl Kept {
+impl PreparedCache {
     /// `others` are starts of the same window under other errors, some of which these may share; theirs are added.
     pub fn get<'w>(
         &self,
@@ -16,7 +16,7 @@ impl Kept {
         window: &'w Window,
         errors: &SensorErrors,
         others: &mut Vec<Starts<'w>>,
-    ) -> Option<Arc<Prepared>> {
+    ) -> Option<Arc<PreparedWindow>> {
         if let Some((_, _, kept)) = self.0.get().filter(|k| k.0 == *errors && k.1 == rollout.cut) {
             return kept.clone();
         }
@@ -37,7 +37,7 @@ pub(crate) fn prepare_one<'w>(
     window: &'w Window,
     errors: &SensorErrors,
     others: &mut Vec<Starts<'w>>,
-) -> Option<Prepared> {
+) -> Option<PreparedWindow> {
     let starts = match others.iter().find_map(|other| other.with_errors(errors)) {
         Some(starts) => starts,
         None => {
@@ -49,5 +49,5 @@ pub(crate) fn prepare_one<'w>(
     };
     let state = starts.at(window.start)?;
     let measured = features::features(rollout, window, &starts, errors);
-    measured.iter().all(|x| x.is_finite()).then_some(Prepared { measured, state })
+    measured.iter().all(|x| x.is_finite()).then_some(PreparedWindow { measured, state })
 }

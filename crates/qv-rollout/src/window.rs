@@ -45,7 +45,7 @@ pub struct Window {
     /// Which run it is of.
     pub run: usize,
     /// Where its simulation starts, once that was asked for.
-    pub(crate) start_kept: Kept,
+    pub(crate) start_kept: PreparedCache,
     /// Its commands, once they were asked for.
     pub(crate) held: OnceLock<Arc<HeldCommands>>,
 }
@@ -88,7 +88,7 @@ impl Window {
 }
 
 /// What depends on the errors of the sensors alone.
-pub(crate) struct Prepared {
+pub(crate) struct PreparedWindow {
     /// Measured features.
     pub measured: Vec<f64>,
     /// State at the start.
@@ -98,4 +98,4 @@ pub(crate) struct Prepared {
 /// What a window looks like under the sensor errors that were asked for first, which are those of nearly all settings: smoothing the start
 /// takes as long as some hundred steps.
 #[derive(Default)]
-pub(crate) struct Kept(pub(crate) OnceLock<(SensorErrors, WindowOptions, Option<Arc<Prepared>>)>);
+pub(crate) struct PreparedCache(pub(crate) OnceLock<(SensorErrors, WindowOptions, Option<Arc<PreparedWindow>>)>);

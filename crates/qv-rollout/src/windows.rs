@@ -2,8 +2,8 @@
 
 use crate::channels::snippet;
 use crate::robot::Rollout;
-use crate::start::Covered;
-use crate::window::{Kept, Window};
+use crate::start::CoveredSeries;
+use crate::window::{PreparedCache, Window};
 use crate::{RolloutError, features};
 use qv_core::JointSeries;
 use qv_core::random::SplitMix64;
@@ -79,7 +79,7 @@ impl Rollout<'_> {
         if why.is_empty() { String::new() } else { format!(": {}", why.join("; ")) }
     }
 
-    fn is_usable(&self, run: &Run, needed: &[Needed], from: f64) -> bool {
+    fn is_usable(&self, run: &Run, needed: &[NeededChannel], from: f64) -> bool {
         let (from, to) = (from - 0.05, from + self.cut.window + 0.05);
         // What is smoothed looks as far beyond the window as the margin.
         let margin = self.cut.margin;
@@ -101,7 +101,7 @@ impl Rollout<'_> {
             moving: true,
             held_out,
             run: 0,
-            start_kept: Kept::default(),
+            start_kept: PreparedCache::default(),
             held: OnceLock::new(),
         })
     }
@@ -138,24 +138,24 @@ fn jumps(pose: &JointSeries, from: f64, to: f64) -> bool {
 const MOST_MISSING: usize = 5;
 
 /// A channel that windows need.
-struct Needed<'a> {
-    covered: Covered<'a>,
+struct NeededChannel<'a> {
+    covered: CoveredSeries<'a>,
     /// Columns that have values somewhere.
     columns: Vec<usize>,
 }
 
-fn needed(run: &Run) -> Vec<Needed<'_>> {
+fn needed(run: &Run) -> Vec<NeededChannel<'_>> {
     let (m, c) = (&run.measured, &run.commands);
     let all = [&m.position, &m.velocity, &m.torque, &m.gyro, &m.orientation, &m.base_pose, &c.position, &c.torque];
     let one = |series| {
         let has_some = |column: &usize| JointSeries::column(series, *column).any(f64::is_finite);
-        Needed { covered: Covered::new(series), columns: (0..series.joints).filter(has_some).collect() }
+        NeededChannel { covered: CoveredSeries::new(series), columns: (0..series.joints).filter(has_some).collect() }
     };
     all.into_iter().flatten().filter(|series| !series.is_empty()).map(one).collect()
 }
 
 /// Whether no column that has values elsewhere lacks more than [`MOST_MISSING`] of them on end between two times \[s\].
-fn has_values(needed: &Needed, from: f64, to: f64) -> bool {
+fn has_values(needed: &NeededChannel, from: f64, to: f64) -> bool {
     let series = needed.covered.series;
     let (first, last) = (series.time.partition_point(|&t| t < from), series.time.partition_point(|&t| t <= to));
     let lacks = |column: usize| {

@@ -28,7 +28,7 @@ pub enum EngineChoice {
 
 /// What shall be wrong with the robot.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Wanted {
+pub enum FaultRequest {
     /// No more than small differences that nobody names.
     Nothing,
     /// These effects at once, names out of [`EFFECTS`].
@@ -43,7 +43,7 @@ pub struct Request {
     /// With which engine.
     pub engine: EngineChoice,
     /// Of which robot.
-    pub wanted: Wanted,
+    pub wanted: FaultRequest,
 }
 
 /// Why a draw was no valid recording.
@@ -59,9 +59,9 @@ pub enum Rejection {
 
 /// A valid recording.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Made {
+pub struct ValidRecording {
     /// What it is.
-    pub drawn: Drawn,
+    pub drawn: DrawnRecipe,
     /// Why the draws before it were not taken.
     pub rejected: Vec<Rejection>,
     /// The messages, in the order of their times.
@@ -70,7 +70,7 @@ pub struct Made {
 
 /// A recipe as it was drawn.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Drawn {
+pub struct DrawnRecipe {
     /// What it is.
     pub recipe: Recipe,
     /// Why another engine was taken than asked for.
@@ -81,7 +81,7 @@ pub struct Drawn {
 ///
 /// # Errors
 /// When a name is unknown, the second engine is asked for and not built in, or no draw of [`ATTEMPTS`] was valid.
-pub fn make(request: &Request, seed: u64) -> Result<Made, RecordingError> {
+pub fn make(request: &Request, seed: u64) -> Result<ValidRecording, RecordingError> {
     check(&request.wanted)?;
     let mut rejected = Vec::new();
     for attempt in 0..ATTEMPTS {
@@ -98,7 +98,7 @@ pub fn make(request: &Request, seed: u64) -> Result<Made, RecordingError> {
             (Outcome::Stood { in_region, .. }, _) if confined && in_region < LEAST_IN_REGION => {
                 rejected.push(Rejection::DoesNotAct);
             }
-            (Outcome::Stood { .. }, messages) => return Ok(Made { drawn, rejected, messages }),
+            (Outcome::Stood { .. }, messages) => return Ok(ValidRecording { drawn, rejected, messages }),
         }
     }
     let what = format!("recording of {:?} from seed {seed}", request.wanted);
@@ -109,7 +109,7 @@ pub fn make(request: &Request, seed: u64) -> Result<Made, RecordingError> {
 ///
 /// # Errors
 /// When a name is unknown, or this draw cannot have been the one taken.
-pub fn redraw(request: &Request, seed: u64, redraws: u64) -> Result<Drawn, RecordingError> {
+pub fn redraw(request: &Request, seed: u64, redraws: u64) -> Result<DrawnRecipe, RecordingError> {
     check(&request.wanted)?;
     draw(request, sub_seed(seed, redraws))?.map_err(|reason| {
         let what = format!("draw {redraws} of {:?} from seed {seed}", request.wanted);
@@ -117,23 +117,23 @@ pub fn redraw(request: &Request, seed: u64, redraws: u64) -> Result<Drawn, Recor
     })
 }
 
-fn check(wanted: &Wanted) -> Result<(), RecordingError> {
+fn check(wanted: &FaultRequest) -> Result<(), RecordingError> {
     let unknown = |name: &str, known: &[&str]| {
         Err(Mismatch::new("effect of a recording", format!("one of {}", known.join(", ")), name).into())
     };
     match wanted {
-        Wanted::Nothing => Ok(()),
-        Wanted::Effects(names) => match names.iter().find(|name| !EFFECTS.contains(&name.as_str())) {
+        FaultRequest::Nothing => Ok(()),
+        FaultRequest::Effects(names) => match names.iter().find(|name| !EFFECTS.contains(&name.as_str())) {
             Some(name) => unknown(name, &EFFECTS),
             None => Ok(()),
         },
-        Wanted::Withheld(name) if !WITHHELD.contains(&name.as_str()) => unknown(name, &WITHHELD),
-        Wanted::Withheld(_) => Ok(()),
+        FaultRequest::Withheld(name) if !WITHHELD.contains(&name.as_str()) => unknown(name, &WITHHELD),
+        FaultRequest::Withheld(_) => Ok(()),
     }
 }
 
 /// One recipe, or why there is none from this seed.
-fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, RecordingError> {
+fn draw(request: &Request, seed: u64) -> Result<Result<DrawnRecipe, Rejection>, RecordingError> {
     let mut draws = SplitMix64::new(seed);
     let (engine, other_engine) = engine(request, &mut draws);
     let mut recipe = Recipe {
@@ -150,8 +150,8 @@ fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, Record
     };
     let Some(scout) = scout(&recipe)? else { return Ok(Err(Rejection::FallsAnyway)) };
     match &request.wanted {
-        Wanted::Nothing => {}
-        Wanted::Effects(names) => {
+        FaultRequest::Nothing => {}
+        FaultRequest::Effects(names) => {
             for name in names {
                 match Cause::drawn(name, &mut draws, &scout, recipe.plan.walking()) {
                     Some(cause) => recipe.causes.push(cause),
@@ -159,17 +159,17 @@ fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, Record
                 }
             }
         }
-        Wanted::Withheld(name) => match Withheld::drawn(name, &mut draws, &scout) {
+        FaultRequest::Withheld(name) => match Withheld::drawn(name, &mut draws, &scout) {
             Some(effect) => recipe.withheld = Some(effect),
             None => return Ok(Err(Rejection::DoesNotAct)),
         },
     }
-    Ok(Ok(Drawn { recipe, other_engine }))
+    Ok(Ok(DrawnRecipe { recipe, other_engine }))
 }
 
 fn engine(request: &Request, draws: &mut SplitMix64) -> (Engine, Option<String>) {
     let unseen = match &request.wanted {
-        Wanted::Effects(names) => names.iter().find(|name| needs_our_engine(name)),
+        FaultRequest::Effects(names) => names.iter().find(|name| needs_our_engine(name)),
         _ => None,
     };
     match (request.engine, unseen) {
@@ -180,7 +180,7 @@ fn engine(request: &Request, draws: &mut SplitMix64) -> (Engine, Option<String>)
         (EngineChoice::Ours, _) => {
             let engine = Engine::ours(draws);
             // Outside torques follow the motion step by step, and need short steps for that.
-            let stepwise = matches!(request.wanted, Wanted::Withheld(_));
+            let stepwise = matches!(request.wanted, FaultRequest::Withheld(_));
             (if stepwise { engine.with_short_steps() } else { engine }, None)
         }
     }

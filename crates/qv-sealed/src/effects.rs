@@ -107,7 +107,7 @@ pub struct Region {
     pub x: [f64; 2],
     /// Least and greatest y.
     pub y: [f64; 2],
-    /// Whether the motion comes to the edges of x, and of y: nobody can tell where the others are.
+    /// Whether the motion comes to the edges of x, and of y: nobody can determine where the others are.
     pub met: [[bool; 2]; 2],
 }
 

@@ -17,7 +17,7 @@ mod scout;
 mod sections;
 mod withheld;
 
-pub use draw::{ATTEMPTS, Drawn, EngineChoice, Made, Rejection, Request, Wanted, make, redraw};
+pub use draw::{ATTEMPTS, DrawnRecipe, EngineChoice, FaultRequest, Rejection, Request, ValidRecording, make, redraw};
 pub use effects::{Cause, EFFECTS, Figure, Region, confusable_group, interface, needs_our_engine};
 pub use engine::Engine;
 pub use mixed::{GRIPPY, MixedGround, SLIPPERY, make_mixed, redraw_mixed};

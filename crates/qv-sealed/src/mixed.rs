@@ -1,4 +1,4 @@
-//! Recordings on ground of several labelled materials, whose frictions only the answers tell.
+//! Recordings on ground of several labelled materials, whose frictions only the answers show.
 
 use crate::draw::{ATTEMPTS, EngineChoice, Rejection};
 use crate::engine::Engine;

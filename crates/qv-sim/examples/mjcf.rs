@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     println!("stand: {:?}", read.stand);
     model.left_out.iter().for_each(|what| println!("left out: {what}"));
-    model.told.iter().for_each(|what| println!("told: {what}"));
+    model.remarks.iter().for_each(|what| println!("told: {what}"));
     if let Some(golden) = arguments.get(1) {
         let golden = serde_json::from_str(&std::fs::read_to_string(golden)?)?;
         println!("{:?}", against_mujoco::compare(&read, &golden));

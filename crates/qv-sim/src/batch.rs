@@ -14,7 +14,7 @@ use crate::commands::JointCommand;
 use crate::engine::block::{Block, Work};
 use crate::engine::collide::Colliders;
 use crate::engine::derive::Deriver;
-use crate::engine::step::Shared;
+use crate::engine::step::BlockContext;
 use crate::engine::topology::Topology;
 use crate::engine::weights::Weights;
 use crate::error::{finite, length};
@@ -52,7 +52,7 @@ pub struct Snapshot<T: Precision> {
 /// `count` environments, stepped together.
 pub struct Batch<T: Precision> {
     model: Model,
-    shared: Shared,
+    shared: BlockContext,
     catalogue: Catalogue,
     engine: Box<dyn Engine>,
     /// Parameters that are not neutral, per environment.
@@ -61,7 +61,7 @@ pub struct Batch<T: Precision> {
     values: Vec<f64>,
     loaded: Option<usize>,
     imu: Option<usize>,
-    /// Tells snapshots of another model or other options; found when the first is taken.
+    /// Reports snapshots of another model or other options; found when the first is taken.
     identity: OnceLock<u64>,
     /// Where lanes pass through on their way to others.
     passing: Vec<f64>,
@@ -85,7 +85,7 @@ impl<T: Precision> Batch<T> {
         let colliders = Colliders::new(model, terrain, &weights.body, options);
         let limits = model.joints.iter().map(|j| (j.lower, j.upper)).collect();
         let tolerance = options.tolerance.unwrap_or(T::TOLERANCE);
-        let shared = Shared { topology, colliders, weights, limits, options: options.clone(), tolerance };
+        let shared = BlockContext { topology, colliders, weights, limits, options: options.clone(), tolerance };
         let mut engine = T::engine(model, &shared, catalogue.materials(), count);
         let deriver = deriver(model, &shared, &catalogue);
         let neutral = catalogue.neutral();
@@ -482,7 +482,7 @@ fn identity(model: &Model, options: &SimOptions) -> u64 {
     std::hash::Hasher::finish(&hasher)
 }
 
-fn deriver<'a>(model: &'a Model, shared: &'a Shared, catalogue: &'a Catalogue) -> Deriver<'a> {
+fn deriver<'a>(model: &'a Model, shared: &'a BlockContext, catalogue: &'a Catalogue) -> Deriver<'a> {
     Deriver {
         model,
         topology: &shared.topology,

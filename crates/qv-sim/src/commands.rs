@@ -1,4 +1,4 @@
-//! What joints are told.
+//! What joints are reported.
 
 use crate::SimError;
 use crate::error::{finite, length};

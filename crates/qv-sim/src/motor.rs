@@ -148,7 +148,7 @@ pub struct Motor {
     pub backlash: f64,
 }
 
-/// What a motor is told: target \[rad\], target speed \[rad/s\], gains, feed-forward torque \[N m\].
+/// What a motor is reported: target \[rad\], target speed \[rad/s\], gains, feed-forward torque \[N m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(missing_docs)]
 pub struct MotorCommand {
@@ -171,7 +171,7 @@ impl Motor {
             speed_knee: self.speed_knee,
             speed_slope: speed_slope(self.speed_knee, self.speed_zero),
             half_backlash: 0.5 * self.backlash,
-            // What the encoder says is told to `demand`.
+            // What the encoder says is commanded to `demand`.
             compliance: 0.0,
         }
     }

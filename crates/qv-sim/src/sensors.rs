@@ -2,7 +2,7 @@
 
 use crate::batch::lanes_of::Engine;
 use crate::batch::quantities::BaseMotion;
-use crate::engine::step::Shared;
+use crate::engine::step::BlockContext;
 use crate::model::Model;
 use crate::parameters::{Catalogue, JointField, WorldField};
 use crate::{BaseKind, SimError};
@@ -35,7 +35,7 @@ pub struct SensorReading {
 
 pub(crate) fn read(
     model: &Model,
-    shared: &Shared,
+    shared: &BlockContext,
     catalogue: &Catalogue,
     engine: &dyn Engine,
     imu: Option<usize>,

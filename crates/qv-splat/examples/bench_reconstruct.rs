@@ -14,9 +14,9 @@ use std::error::Error;
 use std::fs;
 use std::path::Path;
 
-type Done<T> = Result<T, Box<dyn Error>>;
+type Fallible<T> = Result<T, Box<dyn Error>>;
 
-fn main() -> Done<()> {
+fn main() -> Fallible<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["export", capture, file] => export(Path::new(capture), Path::new(file)),
@@ -25,13 +25,13 @@ fn main() -> Done<()> {
     }
 }
 
-fn open(folder: &Path) -> Done<Dataset> {
+fn open(folder: &Path) -> Fallible<Dataset> {
     let capture = capture(folder)?;
     let read = |path: &str| fs::read(folder.join(path)).map_err(|e| format!("{path}: {e}"));
     Ok(Dataset::new(&capture, &read, &ReadOptions::default())?)
 }
 
-fn points_of(folder: &Path) -> Done<Points> {
+fn points_of(folder: &Path) -> Fallible<Points> {
     let file = folder.join("points.ply");
     let bytes = fs::read(&file).map_err(|e| format!("{}: expected points to begin at, found {e}", file.display()))?;
     Ok(points::read(&bytes)?)
@@ -40,7 +40,7 @@ fn points_of(folder: &Path) -> Done<Points> {
 /// All little-endian and without gaps: the eight bytes `QVPHOTO1`; u32: photographs, points; f32: extent, background (3); the points' places
 /// and colours (3 and 3 f32 each, all places first); then of each photograph u32 width, height, f32 fx, fy, cx, cy, `camera_from_world` by
 /// rows (16 f32), and its pixels, red, green, blue, 255 or 0 where it is masked, by rows.
-fn export(folder: &Path, file: &Path) -> Done<()> {
+fn export(folder: &Path, file: &Path) -> Fallible<()> {
     let (dataset, points) = (open(folder)?, points_of(folder)?);
     let mut out = b"QVPHOTO1".to_vec();
     let count = |n: usize| u32::try_from(n).map(u32::to_le_bytes);
@@ -69,15 +69,15 @@ fn export(folder: &Path, file: &Path) -> Done<()> {
     Ok(())
 }
 
-fn score_scene(folder: &Path, scene: &Path) -> Done<()> {
+fn score_scene(folder: &Path, scene: &Path) -> Fallible<()> {
     let (dataset, file) = (open(folder)?, ply::read(&fs::read(scene)?)?);
     let background = file.background.unwrap_or(dataset.background);
     let settings = Settings { background, antialias: file.antialias, ..Default::default() };
-    let of = |one: &qv_splat::train::Photograph| -> Done<Score> {
+    let of = |one: &qv_splat::train::Photograph| -> Fallible<Score> {
         let (images, _) = render(&Scene::still(&file.cloud), &[View::of(one.camera)], &settings)?;
         Ok(score(&images[0].colour, one))
     };
-    let all = dataset.held_out.iter().map(of).collect::<Done<Vec<_>>>()?;
+    let all = dataset.held_out.iter().map(of).collect::<Fallible<Vec<_>>>()?;
     let mean = Score::mean(&all).ok_or("expected photographs that are held out, found none")?;
     println!("{}", json!({"images": all.len(), "gaussians": file.cloud.len(), "psnr": mean.psnr, "ssim": mean.ssim}));
     Ok(())

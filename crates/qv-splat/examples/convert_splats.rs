@@ -1,6 +1,6 @@
 //! Converts one format of splats into another: `cargo run --release -p quadverse-splat --example convert_splats -- in.ply out.spz`.
 //!
-//! The input's format is told by its content, the output's by its name: .ply, .compressed.ply, .spz, .glb. `--spz-version 4`
+//! The input's format is given by its content, the output's by its name: .ply, .compressed.ply, .spz, .glb. `--spz-version 4`
 //! writes that version of SPZ. Without arguments a made-up Gaussian is converted through all of them.
 use qv_core::GaussianCloud;
 use qv_splat::files::spz::{Version, write_version};

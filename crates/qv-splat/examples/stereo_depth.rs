@@ -1,5 +1,5 @@
 //! How depth from several photographs compares with depth that was measured: `stereo_depth CAPTURE [CAMERAS.json] [OPTION=VALUE ...]` forgets the depth
-//! of a capture, measures it from the photographs, and tells how far both are from each other. CAPTURE is a folder with `transforms.json` or of
+//! of a capture, measures it from the photographs, and shows how far both are from each other. CAPTURE is a folder with `transforms.json` or of
 //! RGB-D frames as 7-Scenes has them; CAMERAS.json, as `qv reconstruct --poses colmap` writes it, has other poses, for photographs whose lens does
 //! not distort.
 //! OPTION is a field of `StereoOptions`, `hold_out=N`, or `depths=DIR`: a capture with the measured depths is written there.
@@ -16,9 +16,9 @@ use std::error::Error;
 use std::fs;
 use std::path::Path;
 
-type Done<T> = Result<T, Box<dyn Error>>;
+type Fallible<T> = Result<T, Box<dyn Error>>;
 
-fn main() -> Done<()> {
+fn main() -> Fallible<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let folder = Path::new(words.first().ok_or("expected CAPTURE [CAMERAS.json] [SIDE], found nothing")?);
     let given: BTreeMap<&str, &str> = words.iter().filter_map(|word| word.split_once('=')).collect();
@@ -31,8 +31,8 @@ fn main() -> Done<()> {
         change(&mut options, key, value)?;
     }
     let clock = std::time::Instant::now();
-    let told = measure(&mut dataset, points.as_ref(), &options, &|_, _| ())?;
-    println!("{told:?}, {:.1} s", clock.elapsed().as_secs_f64());
+    let remarks = measure(&mut dataset, points.as_ref(), &options, &|_, _| ())?;
+    println!("{remarks:?}, {:.1} s", clock.elapsed().as_secs_f64());
     if let Some(dir) = given.get("depths") {
         write_depths(Path::new(dir), folder, &dataset)?;
     }
@@ -49,7 +49,7 @@ fn main() -> Done<()> {
 }
 
 /// Sets an option by its name.
-fn change(options: &mut StereoOptions, key: &str, value: &str) -> Done<()> {
+fn change(options: &mut StereoOptions, key: &str, value: &str) -> Fallible<()> {
     match key {
         "side" => options.side = value.parse()?,
         "neighbours" => options.neighbours = value.parse()?,
@@ -92,7 +92,7 @@ fn in_words(some: &[[f32; 2]]) -> String {
     )
 }
 
-fn open(folder: &Path, cameras: Option<&Path>, hold_out: usize) -> Done<Dataset> {
+fn open(folder: &Path, cameras: Option<&Path>, hold_out: usize) -> Fallible<Dataset> {
     let mut capture = capture(folder)?;
     if let Some(path) = cameras {
         let found = cameras_json::read(&fs::read_to_string(path)?)?.cameras;
@@ -105,13 +105,13 @@ fn open(folder: &Path, cameras: Option<&Path>, hold_out: usize) -> Done<Dataset>
     Ok(Dataset::new(&capture, &read, &ReadOptions { hold_out, downscale: 1 })?)
 }
 
-fn points_of(folder: &Path) -> Done<Option<Points>> {
+fn points_of(folder: &Path) -> Fallible<Option<Points>> {
     let file = folder.join("points.ply");
     Ok(if file.is_file() { Some(points::read(&fs::read(file)?)?) } else { None })
 }
 
 /// The capture with the measured depths in `dir`.
-fn write_depths(dir: &Path, from: &Path, dataset: &Dataset) -> Done<()> {
+fn write_depths(dir: &Path, from: &Path, dataset: &Dataset) -> Fallible<()> {
     let transforms = from.join("transforms.json");
     let is_nerfstudio = transforms.is_file();
     let name = |stem: &str| if is_nerfstudio { format!("depth/{stem}.png") } else { format!("{stem}.depth.png") };

@@ -10,7 +10,7 @@ use qv_policy::velocity::{Ground, TaskRobot};
 use qv_recording::Run;
 use qv_residual::close::LoopSettings;
 use qv_residual::fitting::fit_shared_first;
-use qv_residual::hidden::{Engine, Hidden, Order, wander};
+use qv_residual::hidden::{Engine, HiddenRobot, Order, wander};
 use qv_residual::identify::{coordinates, tops};
 use qv_residual::log::Log;
 use qv_residual::study::Study;
@@ -26,7 +26,7 @@ const DEVIATIONS: f64 = 1.96;
 
 /// How the diagnosis states a size.
 #[derive(Clone, Copy, PartialEq)]
-enum Stated {
+enum SizeConvention {
     /// As the simulator does.
     AsItIs,
     /// As a difference from 1.
@@ -43,7 +43,7 @@ struct Effect {
     parameter: [&'static str; 2],
     /// Range of sizes that are drawn.
     range: [f64; 2],
-    stated: Stated,
+    stated: SizeConvention,
 }
 
 const EFFECTS: [Effect; 4] = [
@@ -51,16 +51,26 @@ const EFFECTS: [Effect; 4] = [
         name: "command_latency",
         parameter: ["actuator", "command_latency"],
         range: [0.004, 0.04],
-        stated: Stated::AsItIs,
+        stated: SizeConvention::AsItIs,
     },
-    Effect { name: "motor_strength", parameter: ["actuator", "strength"], range: [0.7, 0.92], stated: Stated::Change },
+    Effect {
+        name: "motor_strength",
+        parameter: ["actuator", "strength"],
+        range: [0.7, 0.92],
+        stated: SizeConvention::Change,
+    },
     Effect {
         name: "joint_coulomb_friction",
         parameter: ["joint", "coulomb_friction"],
         range: [0.2, 0.8],
-        stated: Stated::AsItIs,
+        stated: SizeConvention::AsItIs,
     },
-    Effect { name: "payload_mass", parameter: ["link", "mass_scale"], range: [1.1, 1.5], stated: Stated::Payload },
+    Effect {
+        name: "payload_mass",
+        parameter: ["link", "mass_scale"],
+        range: [1.1, 1.5],
+        stated: SizeConvention::Payload,
+    },
 ];
 
 /// An estimate with its standard error.
@@ -102,12 +112,12 @@ fn names(effect: &Effect, robot: &TaskRobot) -> Vec<String> {
     of.iter().map(|name| format!("{before}.{name}.{after}")).collect()
 }
 
-fn hidden(effect: &Effect, robot: &TaskRobot, engine: Engine, truth: f64) -> Hidden {
+fn hidden(effect: &Effect, robot: &TaskRobot, engine: Engine, truth: f64) -> HiddenRobot {
     let parameters = names(effect, robot).into_iter().map(|name| (name, truth)).collect();
-    Hidden { name: effect.name.into(), parameters, outside: Vec::new(), engine }
+    HiddenRobot { name: effect.name.into(), parameters, outside: Vec::new(), engine }
 }
 
-fn walks(hidden: &Hidden, robot: &TaskRobot, start: &Checkpoint, seed: u64) -> Result<Vec<Run>, Box<dyn Error>> {
+fn walks(hidden: &HiddenRobot, robot: &TaskRobot, start: &Checkpoint, seed: u64) -> Result<Vec<Run>, Box<dyn Error>> {
     let task = &start.settings.task;
     let policy = start.best_policy(robot)?;
     let drawn: Vec<_> = (0..WALKS).map(|k| wander(&task.commands, SECONDS, seed * 100 + k)).collect();
@@ -163,8 +173,8 @@ fn diagnosed(run: &Run, robot: &TaskRobot, effect: &Effect) -> Result<(Option<Es
             p.ci95[1]
         )
     });
-    let scale = if effect.stated == Stated::Payload { robot.model.links[0].mass } else { 1.0 };
-    let absent = if effect.stated == Stated::AsItIs { 0.0 } else { 1.0 };
+    let scale = if effect.stated == SizeConvention::Payload { robot.model.links[0].mass } else { 1.0 };
+    let absent = if effect.stated == SizeConvention::AsItIs { 0.0 } else { 1.0 };
     let found = report.causes.iter().find(|c| c.effect == effect.name).map(|c| {
         let p = &c.parameters[0];
         Estimate { value: absent + p.value / scale, error: (p.ci95[1] - p.ci95[0]) / (2.0 * DEVIATIONS * scale) }

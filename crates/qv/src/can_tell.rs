@@ -12,14 +12,14 @@ use std::fmt::Write;
 use std::path::Path;
 
 /// A recording, and how it is to be read.
-pub struct Asked<'a> {
+pub struct RecordingRequest<'a> {
     pub run: &'a Run,
     pub path: &'a Path,
     pub reading: &'a Reading,
     pub terrain: &'a str,
 }
 
-impl Asked<'_> {
+impl RecordingRequest<'_> {
     /// As lines of a table, or as one line of JSON.
     pub fn answer(&self, as_json: bool) -> Result<String, RecordingError> {
         let model = model_of(self.run, self.path, self.reading.robot.as_deref())?;

@@ -37,12 +37,12 @@ pub struct Check {
 
 /// What is said of a file.
 #[derive(Default)]
-struct Found {
+struct FileReport {
     kind: &'static str,
     /// What of it is used, in a few words.
     used: String,
     /// How it was read where that is not as a matter of course.
-    told: Vec<String>,
+    remarks: Vec<String>,
     /// What of it cannot be used.
     lost: Vec<String>,
     /// What a command needs that is not in it.
@@ -72,16 +72,16 @@ impl Check {
     }
 }
 
-impl Found {
+impl FileReport {
     fn to_json(&self, path: &Path) -> String {
         let line = json!({"format": "qv-check/1", "file": path.display().to_string(), "kind": self.kind, "used": self.used,
-            "told": self.told, "lost": self.lost, "missing": self.missing});
+            "remarks": self.remarks, "lost": self.lost, "missing": self.missing});
         format!("{line}\n")
     }
 
     fn screen(&self, path: &Path) -> String {
         let mut text = format!("{}: {}\n  used     {}\n", path.display(), self.kind, self.used);
-        for (word, lines) in [("told", &self.told), ("lost", &self.lost), ("missing", &self.missing)] {
+        for (word, lines) in [("remarks", &self.remarks), ("lost", &self.lost), ("missing", &self.missing)] {
             lines.iter().take(LINES).for_each(|line| text += &format!("  {word:<8} {line}\n"));
             if lines.len() > LINES {
                 text += &format!("  {word:<8} and {} more\n", lines.len() - LINES);
@@ -96,7 +96,7 @@ const LINES: usize = 6;
 /// Bytes by which a file is known.
 const HEAD: u64 = 1 << 20;
 
-fn look_at(path: &Path) -> Result<Found, Failure> {
+fn look_at(path: &Path) -> Result<FileReport, Failure> {
     if path.is_dir() {
         return folder(path);
     }
@@ -130,7 +130,7 @@ fn is_markup(head: &[u8]) -> bool {
     text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
 }
 
-fn folder(path: &Path) -> Result<Found, Failure> {
+fn folder(path: &Path) -> Result<FileReport, Failure> {
     let has = |name: &str| path.join(name).exists();
     if has("run.csv") || has("run.toml") || has("metadata.yaml") || foreign::root(path).is_some() {
         return recording(path);
@@ -148,7 +148,7 @@ fn folder(path: &Path) -> Result<Found, Failure> {
     })
 }
 
-fn recording(path: &Path) -> Result<Found, Failure> {
+fn recording(path: &Path) -> Result<FileReport, Failure> {
     let run = open_run(&RunArguments { run: path.to_path_buf(), reading: Reading::default() })?;
     let name = match &run.robot {
         Robot::Named(name) => name.as_str(),
@@ -170,7 +170,7 @@ fn recording(path: &Path) -> Result<Found, Failure> {
         }
         (Err(error), Robot::Urdf(_)) => lost.push(format!("its robot: {error}")),
     }
-    Ok(Found { kind: "recording", used, missing, told: run.told, lost })
+    Ok(FileReport { kind: "recording", used, missing, remarks: run.remarks, lost })
 }
 
 fn channels(run: &Run) -> Vec<&'static str> {
@@ -204,7 +204,7 @@ fn missing_of(run: &Run) -> Vec<String> {
     missing.into_iter().map(String::from).collect()
 }
 
-fn robot(path: &Path) -> Result<Found, Failure> {
+fn robot(path: &Path) -> Result<FileReport, Failure> {
     let (text, note) = read_urdf(path, "a URDF or MJCF file")?;
     let beside = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
@@ -232,11 +232,11 @@ fn robot(path: &Path) -> Result<Found, Failure> {
     if model.geoms.is_empty() {
         missing.push("collision shapes, for a robot that touches ground".into());
     }
-    let told = note.into_iter().chain(model.told).collect();
-    Ok(Found { kind: "robot", used, told, lost: model.left_out, missing })
+    let remarks = note.into_iter().chain(model.remarks).collect();
+    Ok(FileReport { kind: "robot", used, remarks, lost: model.left_out, missing })
 }
 
-fn scene(path: &Path) -> Result<Found, Failure> {
+fn scene(path: &Path) -> Result<FileReport, Failure> {
     let file = open_scene(path)?;
     let (cloud, mut lost) = (&file.cloud, file.lost);
     if file.left_out > 0 {
@@ -247,10 +247,10 @@ fn scene(path: &Path) -> Result<Found, Failure> {
     if cloud.feature_count == 0 {
         missing.push("features, for labels (qv render --semantics, qv mesh --labels)".into());
     }
-    Ok(Found { kind: "scene", used, told: vec![], lost, missing })
+    Ok(FileReport { kind: "scene", used, remarks: vec![], lost, missing })
 }
 
-fn terrain(path: &Path) -> Result<Found, Failure> {
+fn terrain(path: &Path) -> Result<FileReport, Failure> {
     let bytes = fs::read(path).map_err(|e| about(path, format!("expected a mesh, found {e}")))?;
     let is_ply = bytes.starts_with(b"ply");
     let mesh = if is_ply { ply::read(&bytes) } else { glb::read(&bytes) }.map_err(|e| about(path, e))?;
@@ -262,10 +262,10 @@ fn terrain(path: &Path) -> Result<Found, Failure> {
         missing.push("labels of several materials, for qv contact".into());
     }
     let used = format!("{} triangles, {} materials", mesh.triangles.len(), mesh.materials.len());
-    Ok(Found { kind: "terrain", used, missing, ..Default::default() })
+    Ok(FileReport { kind: "terrain", used, missing, ..Default::default() })
 }
 
-fn capture(path: &Path) -> Result<Found, Failure> {
+fn capture(path: &Path) -> Result<FileReport, Failure> {
     let opened = open_capture(path)?;
     let cameras = &opened.capture.cameras;
     let there =
@@ -291,11 +291,11 @@ fn capture(path: &Path) -> Result<Found, Failure> {
     if points == 0 {
         missing.push("points, for qv reconstruct --clear; it begins at random ones".into());
     }
-    Ok(Found { kind: "capture", used, told: opened.capture.told, lost: opened.capture.lost, missing })
+    Ok(FileReport { kind: "capture", used, remarks: opened.capture.remarks, lost: opened.capture.lost, missing })
 }
 
 #[cfg(not(feature = "learn"))]
-fn policy(path: &Path) -> Result<Found, Failure> {
+fn policy(path: &Path) -> Result<FileReport, Failure> {
     Err(about(
         path,
         "expected a file that this qv reads, found a policy, for which it must be built with the feature learn",
@@ -303,7 +303,7 @@ fn policy(path: &Path) -> Result<Found, Failure> {
 }
 
 #[cfg(feature = "learn")]
-fn policy(path: &Path) -> Result<Found, Failure> {
+fn policy(path: &Path) -> Result<FileReport, Failure> {
     let bytes = fs::read(path).map_err(|e| about(path, format!("expected an ONNX file, found {e}")))?;
     let policy = policy_child::policy(&bytes).map_err(|e| about(path, e))?;
     let size = |size: &Option<usize>| size.map_or("?".to_string(), |size| size.to_string());
@@ -317,5 +317,5 @@ fn policy(path: &Path) -> Result<Found, Failure> {
     let missing = vec![
         "what its observation is made of, unless qv walk trained it (qv walk roll takes a description)".to_string(),
     ];
-    Ok(Found { kind: "policy", used, missing, ..Default::default() })
+    Ok(FileReport { kind: "policy", used, missing, ..Default::default() })
 }

@@ -36,7 +36,7 @@ pub struct Words {
 
 impl Words {
     /// What was added, for people.
-    pub fn told(&self) -> Option<String> {
+    pub fn remarks(&self) -> Option<String> {
         Some(format!("{} adds {}", self.file.as_ref()?.display(), self.added.join(" ")))
     }
 
@@ -108,8 +108,8 @@ pub fn with_file(typed: Vec<OsString>, folder: &Path, root: &Command) -> Result<
     let text = std::fs::read_to_string(&file).map_err(|e| about(&file, format!("expected options, found {e}")))?;
     let table: Table = text.parse().map_err(|e| about(&file, format!("expected TOML, found {e}")))?;
     check(&table, root, "").map_err(|found| about(&file, found))?;
-    let Some(called) = Called::of(own, root) else { return none(typed, vec![]) };
-    // Paths are told as they are written where that is where one stands.
+    let Some(called) = CommandChain::of(own, root) else { return none(typed, vec![]) };
+    // Paths are reported as they are written where that is where one stands.
     let base = file.parent().filter(|base| *base != folder).map(Path::to_path_buf).unwrap_or_default();
     let (added, refused) = called.additions(&table, &base);
     let why = "it is taken from the command line alone";
@@ -192,16 +192,16 @@ fn taken(arg: &Arg, value: &Value) -> Result<(), &'static str> {
 }
 
 /// The commands of a command line.
-struct Called<'c> {
+struct CommandChain<'c> {
     /// From the outermost, `qv`, to the innermost.
     commands: Vec<&'c Command>,
     /// Index of the word behind the name of the last one.
     end: usize,
-    /// Options that are there already, as they are told apart by.
+    /// Options that are there already, as they are distinguished by.
     typed: BTreeSet<&'c str>,
 }
 
-impl<'c> Called<'c> {
+impl<'c> CommandChain<'c> {
     /// None where no command is named.
     fn of(words: &[OsString], root: &'c Command) -> Option<Self> {
         let (mut commands, mut end) = (vec![root], 1);

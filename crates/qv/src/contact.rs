@@ -3,7 +3,7 @@
 use crate::ask::ask;
 use crate::ground::mesh_at;
 use crate::numbers::within;
-use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, told_of, write_error};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, remarks_of, write_error};
 use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
@@ -85,7 +85,7 @@ impl Contact {
         let given = parameters_of(self.params.as_deref(), &model, &terrain)?;
         let bar = Stages::new();
         bar.begin(1, 2, "simulating", None);
-        let told = |share: f64| bar.at(SIMULATING * share, "");
+        let remarks = |share: f64| bar.at(SIMULATING * share, "");
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
         let options = Options {
@@ -94,7 +94,7 @@ impl Contact {
             uniform: self.uniform,
             segment: self.segment,
             clock: Some(&seconds),
-            progress: Some(&told),
+            progress: Some(&remarks),
             ..Default::default()
         };
         let report = calibrate(&runs, &model, &mesh, &priors, &options).map_err(replay_error)?;
@@ -108,7 +108,7 @@ impl Contact {
         } else {
             say(&format!("{}written to {}\n", summary(&report), self.out.display()))?;
         }
-        told_of(&runs[0], &model).iter().for_each(|what| remark(what));
+        remarks_of(&runs[0], &model).iter().for_each(|what| remark(what));
         lost.iter().for_each(|what| print_message!("{what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }

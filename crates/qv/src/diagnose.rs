@@ -3,7 +3,7 @@
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{
-    file_error, find_gains, lost_from, model_of, open_run, parameters_of, told_of, urdf_of, write_error,
+    file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, urdf_of, write_error,
 };
 use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
@@ -11,7 +11,7 @@ use crate::provenance::provenance;
 use crate::scene::open_scene;
 use crate::terminal::print_message;
 #[cfg(feature = "learn")]
-use crate::walk::trial::Tried;
+use crate::walk::trial::TrialPolicy;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_camera::{EFFECTS, Footage, Look, LookOptions, Photograph, check, html, look};
 use qv_core::{GaussianCloud, JointSeries};
@@ -110,7 +110,7 @@ impl Diagnose {
         let ground_error = diagnosis::ground_error(self.ground_error, &self.terrain)?;
         #[cfg(feature = "learn")]
         let mut tried = match (&self.tried.policy, &self.tried.policy_description) {
-            (Some(policy), Some(description)) => Some(Tried::open(policy, description, &model).map_err(untold)?),
+            (Some(policy), Some(description)) => Some(TrialPolicy::open(policy, description, &model).map_err(untold)?),
             _ => None,
         };
         // Before minutes are spent on what could not be written.
@@ -131,7 +131,7 @@ impl Diagnose {
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
         lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
-        let told = told_of(&runs[0], &model);
+        let remarks = remarks_of(&runs[0], &model);
         let request = Request {
             runs: &runs,
             reference,
@@ -144,7 +144,7 @@ impl Diagnose {
             seed: self.seed,
             leave_out: self.leave_out,
             title: self.runs.iter().map(|r| r.display().to_string()).collect::<Vec<_>>().join(", "),
-            notes: told.iter().chain(&lost).cloned().collect(),
+            notes: remarks.iter().chain(&lost).cloned().collect(),
             provenance: Some(provenance(read)),
         };
         let mut diagnosis = diagnosis::diagnose(request, &seconds, &stage)?;
@@ -183,7 +183,7 @@ impl Diagnose {
         } else {
             say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
-        told.iter().for_each(|what| remark(what));
+        remarks.iter().for_each(|what| remark(what));
         lost.iter().for_each(|what| print_message!("{what}"));
         if !report.corrections_apply {
             print_message!(
@@ -257,7 +257,7 @@ impl Diagnose {
     #[cfg(feature = "learn")]
     fn walked(
         &self,
-        tried: &mut Tried,
+        tried: &mut TrialPolicy,
         (model, terrain): (&qv_sim::Model, &qv_sim::Terrain),
         report: &Report,
         mut sections: Vec<String>,

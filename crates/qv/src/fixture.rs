@@ -86,8 +86,8 @@ impl Fixture {
 /// # Errors
 /// There is no room for the whole of it, or it cannot be written there.
 pub fn write_recording(path: &Path, messages: &[Message]) -> Result<(), RecordingError> {
-    let told = |e: RecordingError| file_error(path, "room for the whole of it", &e.to_string());
-    stream(path, |e| write_error(path, &e), |file| synthetic::write_bag(messages, file).map_err(told))
+    let remarks = |e: RecordingError| file_error(path, "room for the whole of it", &e.to_string());
+    stream(path, |e| write_error(path, &e), |file| synthetic::write_bag(messages, file).map_err(remarks))
 }
 
 fn place(text: &str) -> Result<[f64; 3], String> {

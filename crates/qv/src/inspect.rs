@@ -1,6 +1,6 @@
 //! `qv inspect`: one screen about a recording.
 
-use crate::can_tell::Asked;
+use crate::can_tell::RecordingRequest;
 use crate::open::open_run;
 use crate::{Outcome, RunArguments, say};
 use qv_core::JointSeries;
@@ -8,7 +8,7 @@ use qv_recording::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Sour
 use qv_recording::{RecordingError, derive, median_interval};
 use serde_json::{Value, json};
 
-pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-tell\n\n\
+pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-notify\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
 #[derive(clap::Args)]
@@ -21,7 +21,7 @@ pub struct Inspect {
     /// Least size of each effect that `qv diagnose` would find in it with 90 % power (takes some seconds)
     #[arg(long)]
     can_tell: bool,
-    /// Ground for --can-tell: plane, or a .glb file
+    /// Ground for --can-show: plane, or a .glb file
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", requires = "can_tell")]
     terrain: String,
 }
@@ -43,7 +43,8 @@ impl Inspect {
     pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let run = open_run(&self.run)?;
         if self.can_tell {
-            let asked = Asked { run: &run, path: &self.run.run, reading: &self.run.reading, terrain: &self.terrain };
+            let asked =
+                RecordingRequest { run: &run, path: &self.run.run, reading: &self.run.reading, terrain: &self.terrain };
             say(&asked.answer(self.json)?)?;
             return Ok(if run.is_partial() { Outcome::Partial } else { Outcome::Done });
         }
@@ -73,7 +74,7 @@ fn channels(run: &Run) -> Vec<Row> {
         series.as_ref().map(|s| Row { name, count: s.len(), rate: 1.0 / median_interval(&s.time), derived: None })
     };
     let mut rows: Vec<Row> = all.into_iter().filter_map(row).collect();
-    let mut derived = |name: &'static str, wanted: bool, d: Option<derive::Derived>| {
+    let mut derived = |name: &'static str, wanted: bool, d: Option<derive::DerivedChannel>| {
         if let Some(d) = d.filter(|_| wanted) {
             let rate = 1.0 / median_interval(&d.series.time);
             rows.push(Row {
@@ -132,8 +133,8 @@ fn screen(run: &Run) -> String {
         text += &stream_line(s, width);
     }
     text += &channel_lines(&channels(run));
-    for told in &run.told {
-        text += &fold("  ", told);
+    for remarks in &run.remarks {
+        text += &fold("  ", remarks);
     }
     text += &findings(&run.faults, &run.lost, LINES.saturating_sub(text.lines().count() + 2).max(5));
     text
@@ -203,7 +204,7 @@ pub fn known(x: f64, digits: usize) -> String {
     if x.is_finite() { format!("{x:.digits$}") } else { "-".into() }
 }
 
-/// What is wrong, in at most about `most` lines; losses are all told.
+/// What is wrong, in at most about `most` lines; losses are all reported.
 fn findings(faults: &[Fault], lost: &[Loss], most: usize) -> String {
     if faults.is_empty() && lost.is_empty() {
         return "\nno gaps, no faults, nothing lost\n".into();
@@ -280,7 +281,7 @@ fn to_json(run: &Run) -> Value {
         "channels": channels,
         "faults": run.faults,
         "lost": run.lost,
-        "told": run.told,
+        "remarks": run.remarks,
         "partial": run.is_partial(),
     })
 }

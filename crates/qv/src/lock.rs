@@ -20,18 +20,18 @@ pub struct Lock {
 }
 
 /// What came of trying.
-pub enum Tried {
+pub enum LockAttempt {
     Taken(Lock),
     /// Who has it, in words.
     HeldBy(String),
 }
 
 impl Lock {
-    /// Takes the lock on `path` if nobody has it. What a process left that died with it is told.
+    /// Takes the lock on `path` if nobody has it. What a process left that died with it is reported.
     ///
     /// # Errors
     /// The file cannot be made, or its file system has no locks.
-    pub fn try_take(path: &Path) -> Result<Tried, Failure> {
+    pub fn try_take(path: &Path) -> Result<LockAttempt, Failure> {
         let failed = |e: io::Error| about(path, format!("expected to lock it, found {e}"));
         // Neither a link is followed nor a file changed that is none of a lock.
         let mut options = OpenOptions::new();
@@ -41,7 +41,7 @@ impl Lock {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let who = if before.is_empty() { "a process that is ending".into() } else { before };
-                return Ok(Tried::HeldBy(who));
+                return Ok(LockAttempt::HeldBy(who));
             }
             Err(TryLockError::Error(e)) => return Err(failed(e)),
         }
@@ -53,7 +53,7 @@ impl Lock {
         let own = format!("process {} on {}", std::process::id(), host());
         let mut lock = Self { file, path: path.into() };
         lock.write(&own).map_err(failed)?;
-        Ok(Tried::Taken(lock))
+        Ok(LockAttempt::Taken(lock))
     }
 
     /// Waits until nobody has it; none where `stop` became true meanwhile.
@@ -64,9 +64,9 @@ impl Lock {
         let mut is_told = false;
         while !stop.load(Ordering::Relaxed) {
             match Self::try_take(path)? {
-                Tried::Taken(lock) => return Ok(Some(lock)),
-                Tried::HeldBy(_) if is_told => {}
-                Tried::HeldBy(who) => {
+                LockAttempt::Taken(lock) => return Ok(Some(lock)),
+                LockAttempt::HeldBy(_) if is_told => {}
+                LockAttempt::HeldBy(who) => {
                     remark(&format!("{}: waits for {who}", path.display()));
                     is_told = true;
                 }
@@ -141,7 +141,7 @@ impl Drop for Lock {
 
 /// How the text of a lock begins. One that ended well is empty.
 const BEGIN: &str = "process ";
-/// Longest text that is told of a lock \[characters\].
+/// Longest text that is reported for a lock \[characters\].
 const MOST: usize = 120;
 
 /// Who holds a lock, or held it, as the file says; empty where nobody does.
@@ -161,8 +161,8 @@ fn holder(file: &mut File) -> io::Result<String> {
 
 /// The name of this machine.
 fn host() -> String {
-    let told = fs::read_to_string("/proc/sys/kernel/hostname").ok().or_else(|| std::env::var("HOSTNAME").ok());
-    told.map_or("this machine".into(), |name| name.trim().to_owned())
+    let remarks = fs::read_to_string("/proc/sys/kernel/hostname").ok().or_else(|| std::env::var("HOSTNAME").ok());
+    remarks.map_or("this machine".into(), |name| name.trim().to_owned())
 }
 
 #[cfg(test)]
@@ -191,12 +191,12 @@ mod tests {
     #[test]
     fn a_lock_is_held_once_and_taken_over() {
         let path = std::env::temp_dir().join(format!("qv-lock-{}", std::process::id()));
-        let Tried::Taken(lock) = Lock::try_take(&path).unwrap() else { panic!("nobody has it") };
-        let Tried::HeldBy(who) = Lock::try_take(&path).unwrap() else { panic!("it is held") };
+        let LockAttempt::Taken(lock) = Lock::try_take(&path).unwrap() else { panic!("nobody has it") };
+        let LockAttempt::HeldBy(who) = Lock::try_take(&path).unwrap() else { panic!("it is held") };
         assert!(who.starts_with(&format!("process {} on ", std::process::id())), "{who}");
         let copy = lock.copy().unwrap();
         drop(lock);
-        assert!(matches!(Lock::try_take(&path).unwrap(), Tried::HeldBy(_)), "a copy holds it");
+        assert!(matches!(Lock::try_take(&path).unwrap(), LockAttempt::HeldBy(_)), "a copy holds it");
         drop(copy);
         let stopped = AtomicBool::new(true);
         assert!(Lock::wait(&path, &stopped).unwrap().is_none());

@@ -66,10 +66,10 @@ use terminal::{print_message, say};
 #[derive(Parser)]
 #[command(name = "qv", version, arg_required_else_help = true)]
 struct Cli {
-    /// Tells nothing but results, errors and what was lost
+    /// Reports nothing but results, errors and what was lost
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Tells how long each stage took
+    /// Reports how long each stage took
     #[arg(short, long, global = true)]
     verbose: bool,
     /// Takes no options from qv.toml
@@ -99,13 +99,13 @@ enum Command {
     /// Says what any file is, what of it is used, and what is missing for which command
     #[command(after_help = check::EXAMPLE)]
     Check(check::Check),
-    /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
+    /// Replays a recording in the simulator and shows how far the two are apart, joint by joint
     #[command(after_help = replay::EXAMPLE)]
     Replay(replay::Replay),
     /// Says where the gap between simulator and robot lies, which effect causes it, and how far it shrinks
     #[command(after_help = diagnose::EXAMPLE)]
     Diagnose(diagnose::Diagnose),
-    /// Which motion to record next, so that the causes that a diagnosis leaves open are told apart
+    /// Which motion to record next, so that the causes that a diagnosis leaves open are distinguished
     #[command(after_help = next::EXAMPLE)]
     Next(next::Next),
     /// Finds the friction of each material of a labelled ground from recordings of a robot that walked on it
@@ -152,8 +152,8 @@ enum Command {
     Fixture(fixture::Fixture),
 }
 
-/// A command line that cannot be followed, as it is told.
-enum Misused {
+/// A command line that cannot be followed, as it is reported.
+enum UsageError {
     Words(Box<clap::Error>, Option<String>),
     Config(Failure),
     /// What it would write is what it reads.
@@ -161,20 +161,20 @@ enum Misused {
 }
 
 /// The command that was typed, with the options of `qv.toml`, and the folder that it writes into.
-fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
+fn understood() -> Result<(Cli, Option<PathBuf>), UsageError> {
     let mut root = Cli::command();
     root.build();
     let typed = std::env::args_os().collect();
     let words = match std::env::current_dir() {
-        Ok(folder) => config::with_file(typed, &folder, &root).map_err(Misused::Config)?,
-        Err(e) => return Err(Misused::Config(format!("expected a current folder, found {e}").into())),
+        Ok(folder) => config::with_file(typed, &folder, &root).map_err(UsageError::Config)?,
+        Err(e) => return Err(UsageError::Config(format!("expected a current folder, found {e}").into())),
     };
     words.keep();
     words.ignored.iter().for_each(|what| print_message!("{what}"));
-    let misused = |error: clap::Error| Misused::Words(Box::new(error), words.told());
+    let misused = |error: clap::Error| UsageError::Words(Box::new(error), words.remarks());
     let matches = Cli::command().try_get_matches_from(&words.all).map_err(misused)?;
-    refuse_odd_paths(&root, &matches, &words.all).map_err(Misused::Config)?;
-    output::refuse(&root, &matches).map_err(Misused::Refused)?;
+    refuse_odd_paths(&root, &matches, &words.all).map_err(UsageError::Config)?;
+    output::refuse(&root, &matches).map_err(UsageError::Refused)?;
     let output = output::targets(&root, &matches).folder;
     let cli = Cli::from_arg_matches(&matches).map_err(misused)?;
     progress::set(match (cli.quiet, cli.verbose) {
@@ -182,7 +182,7 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
         (_, true) => Level::Verbose,
         _ => Level::Normal,
     });
-    words.told().iter().for_each(|what| progress::remark(what));
+    words.remarks().iter().for_each(|what| progress::remark(what));
     old_names(&root, &matches, &words.all).iter().for_each(|what| progress::remark(what));
     Ok((cli, output))
 }
@@ -241,11 +241,11 @@ fn main() -> ExitCode {
     fleet::end_with_parent();
     let (cli, output) = match understood() {
         Ok(found) => found,
-        Err(Misused::Config(error)) => {
+        Err(UsageError::Config(error)) => {
             print_message!("{error}");
             return ExitCode::from(2);
         }
-        Err(Misused::Words(error, added)) => {
+        Err(UsageError::Words(error, added)) => {
             print_misuse(&error);
             // Help and the version are no misuse.
             if let Some(added) = added.filter(|_| error.use_stderr()) {
@@ -253,7 +253,7 @@ fn main() -> ExitCode {
             }
             return ExitCode::from(error.exit_code() as u8);
         }
-        Err(Misused::Refused(error)) => {
+        Err(UsageError::Refused(error)) => {
             print_message!("{error}");
             return ExitCode::from(1);
         }

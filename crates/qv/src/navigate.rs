@@ -13,7 +13,7 @@ use crate::output::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use card::CardArguments;
 use legs::{LegsArguments, Stable};
-use page::{FromAbove, Results, Strip, Tested, png_in_base64};
+use page::{FromAbove, Results, Strip, TestRow, png_in_base64};
 use place::Task;
 use qv_nav::eye::Paints;
 use qv_nav::map::MapSettings;
@@ -32,7 +32,7 @@ pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply 
     qv navigate look out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --capture yard --out out/nav/look.html\n\n\
     The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the mesh's frame. Legs are a\n\
     follower of velocities without physics; with --walk they are a robot that walks in the simulator. Built with --features gpu, train --gpu draws and learns on the graphics card.\n\
-    docs/navigation.md tells the rest.\n\n\
+    docs/navigation.md reports the rest.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage.";
 
 #[derive(clap::Args)]
@@ -47,7 +47,7 @@ enum Command {
     Train(train::Train),
     /// Tests weights on drawn episodes, beside the teacher and a follower of coloured blobs: writes results as JSON
     Test(Test),
-    /// Says whether photographs of the place, with a cone laid into them, tell the policy the same as the drawn scene does: writes a page
+    /// Says whether photographs of the place, with a cone laid into them, show the policy the same as the drawn scene does: writes a page
     Look(look::Look),
     /// Makes one HTML file of the results of a test: shares, causes of failure, ways from above, what the policy saw
     Page(ToPage),
@@ -131,7 +131,7 @@ impl Test {
             if !self.json {
                 say(&line(name, &row, p_against_policy))?;
             }
-            rows.push(Tested { name: name.into(), row, p_against_policy, trials: trials.clone() });
+            rows.push(TestRow { name: name.into(), row, p_against_policy, trials: trials.clone() });
         }
         let spacing = MapSettings::default().spacing;
         let bounds = world.map.bounds().map(|p| p.to_array());

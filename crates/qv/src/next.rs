@@ -1,4 +1,4 @@
-//! `qv next`: the motion that would tell the causes apart that a recording leaves open, as commands that a robot can play.
+//! `qv next`: the motion that would distinguish the causes that a recording leaves open, as commands that a robot can play.
 
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{file_error, find_gains, model_of, open_run, parameters_of, write_error};
@@ -9,7 +9,7 @@ use qv_gap::decision::evidence::Evidence;
 use qv_gap::next::{Hypothesis, Proposal, hypotheses, next};
 use qv_gap::{Options, Progress, diagnose};
 use qv_go2::synthetic::{Message, write_bag};
-use qv_replay::{Recorded, write_traces};
+use qv_replay::{BagRobot, write_traces};
 
 use qv_open::diagnosis::gap_error;
 use qv_recording::run::Robot;
@@ -42,7 +42,7 @@ pub struct Next {
     /// What `qv diagnose --out` wrote of this recording; without it the recording is diagnosed first
     #[arg(long, value_name = "DIR")]
     diagnosis: Option<PathBuf>,
-    /// How many of the leading hypotheses are to be told apart
+    /// How many of the leading hypotheses are to be distinguished
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=8))]
     hypotheses: u8,
     /// Directory for the results; made if need be
@@ -103,8 +103,8 @@ impl Next {
         }
         remark("the recording is diagnosed first; --diagnosis DIR takes what is there");
         let bar = Stages::new();
-        let told = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
-        let options = Options { given: options.given.clone(), progress: Some(&told), ..Default::default() };
+        let remarks = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
+        let options = Options { given: options.given.clone(), progress: Some(&remarks), ..Default::default() };
         let found = diagnose(slice::from_ref(run), model, terrain, &options, 0).map_err(gap_error)?;
         bar.finish();
         Ok(found.evidence)
@@ -212,7 +212,7 @@ fn to_bag(run: &Run, out: impl std::io::Write + std::io::Seek) -> Result<(), Rec
         base: Vec::new(),
         joints: position.joints,
     };
-    Ok(write_traces(&[Recorded::new("command", &run.joint_names, &trace)], EPOCH, out)?)
+    Ok(write_traces(&[BagRobot::new("command", &run.joint_names, &trace)], EPOCH, out)?)
 }
 
 fn low_commands(run: &Run) -> Vec<Message> {

@@ -5,10 +5,10 @@ use crate::progress::{progress, remark, spinner};
 use indicatif::ProgressBar;
 use qv_open::Reading;
 pub use qv_open::{
-    bag_files, beyond_range, file_error, lost_from, model_named, model_of, read_model, read_urdf, told_of, urdf_of,
+    bag_files, beyond_range, file_error, lost_from, model_named, model_of, read_model, read_urdf, remarks_of, urdf_of,
     write_error,
 };
-use qv_recording::run::Known;
+use qv_recording::run::GainSource;
 use qv_recording::{RecordingError, Run};
 use qv_sim::{Model, Terrain};
 use std::path::Path;
@@ -37,7 +37,7 @@ pub fn find_gains(
     terrain: &Terrain,
     parameters: &[(String, f64)],
 ) -> Result<(), RecordingError> {
-    let is_unknown = |run: &Run| run.actuator.gains.contains(&Known::Unknown);
+    let is_unknown = |run: &Run| run.actuator.gains.contains(&GainSource::Unknown);
     let bar = runs.iter().any(is_unknown).then(|| spinner("finding the gains"));
     qv_replay::find_gains(runs, model, terrain, parameters)?;
     bar.iter().for_each(ProgressBar::finish_and_clear);

@@ -5,7 +5,7 @@
 //! part after its length; all numbers are little-endian.
 
 use crate::Failure;
-use qv_policy::onnx::reader::{Loaded, Step, TensorInfo};
+use qv_policy::onnx::reader::{ReadModel, Step, TensorInfo};
 use qv_policy::onnx::{OnnxError, OnnxPolicy};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
@@ -123,7 +123,7 @@ pub fn serve() -> Result<(), Failure> {
     let model = model.concat();
     limit_memory(MEMORY + MEMORY_OF_BYTE * model.len() as u64)?;
     limit_time()?;
-    let mut loaded = match Loaded::from_bytes(&model) {
+    let mut loaded = match ReadModel::from_bytes(&model) {
         Ok(loaded) => loaded,
         Err(error) => return Ok(send(&mut output, 1, &[reason(&error).as_bytes()])?),
     };

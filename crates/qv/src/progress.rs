@@ -1,4 +1,4 @@
-//! How far a command is, told on standard error: a bar where that is a terminal, a line a stage where it is not.
+//! How far a command is, reported on standard error: a bar where that is a terminal, a line a stage where it is not.
 
 use crate::terminal::{print_message, shown};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -7,10 +7,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Instant;
 
-/// How much is told beside results: it belongs to the process, as standard error does.
+/// How much is reported beside results: it belongs to the process, as standard error does.
 static LEVEL: AtomicU8 = AtomicU8::new(Level::Normal as u8);
 
-/// How much is told beside results, errors and losses.
+/// How much is reported beside results, errors and losses.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
     /// Nothing.
@@ -26,19 +26,19 @@ pub fn set(level: Level) {
     LEVEL.store(level as u8, Ordering::Relaxed);
 }
 
-/// Whether at least this much is told.
-pub fn tells(level: Level) -> bool {
+/// Whether at least this much is reported.
+pub fn reports(level: Level) -> bool {
     LEVEL.load(Ordering::Relaxed) >= level as u8
 }
 
 /// A remark: nothing is lost by what it says.
 pub fn remark(what: &str) {
-    if tells(Level::Normal) {
+    if reports(Level::Normal) {
         print_message!("{what}");
     }
 }
 
-/// Share of the work from which on the time left is told: before, it would be a guess.
+/// Share of the work from which on the time left is reported: before, it would be a guess.
 const TOLD_FROM: f64 = 0.03;
 
 /// The stages of a command that takes more than two seconds.
@@ -67,7 +67,7 @@ impl Stages {
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
             bar.set_style(style);
         }
-        let has_lines = tells(Level::Normal) && (!std::io::stderr().is_terminal() || tells(Level::Verbose));
+        let has_lines = reports(Level::Normal) && (!std::io::stderr().is_terminal() || reports(Level::Verbose));
         Self { bar, has_lines, clock: Instant::now(), now: Mutex::default() }
     }
 
@@ -79,7 +79,7 @@ impl Stages {
         let line = {
             let mut now = self.now.lock().unwrap_or_else(|e| e.into_inner());
             *now = Now { stage: format!("{number} of {count}: {name}"), since: at, share };
-            told(&now, at, "")
+            remarks(&now, at, "")
         };
         if self.has_lines {
             self.bar.suspend(|| print_message!("{line}"));
@@ -92,7 +92,7 @@ impl Stages {
         let at = self.clock.elapsed().as_secs_f64();
         let mut now = self.now.lock().unwrap_or_else(|e| e.into_inner());
         now.share = share.clamp(0.0, 1.0);
-        self.bar.set_message(shown(&told(&now, at, figure)));
+        self.bar.set_message(shown(&remarks(&now, at, figure)));
     }
 
     /// All is done.
@@ -103,7 +103,7 @@ impl Stages {
 
     fn finish_stage(&self) {
         let mut now = self.now.lock().unwrap_or_else(|e| e.into_inner());
-        if tells(Level::Verbose) && !now.stage.is_empty() {
+        if reports(Level::Verbose) && !now.stage.is_empty() {
             let seconds = self.clock.elapsed().as_secs_f64() - now.since;
             self.bar.suspend(|| print_message!("{} took {seconds:.1} s", now.stage));
         }
@@ -112,7 +112,7 @@ impl Stages {
 }
 
 /// Such as `2 of 4: search, 31 % done, about 12 s left`.
-fn told(now: &Now, at: f64, figure: &str) -> String {
+fn remarks(now: &Now, at: f64, figure: &str) -> String {
     let mut text = format!("{}, {:.0} % done", now.stage, 100.0 * now.share);
     if now.share >= TOLD_FROM {
         text += &format!(", about {} left", duration(at * (1.0 - now.share) / now.share));
@@ -135,13 +135,13 @@ pub fn duration(seconds: f64) -> String {
 /// A bar on standard error; indicatif hides it where that is no terminal.
 pub fn progress(total: u64, what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} %").expect("the template is well formed");
-    let bar = if tells(Level::Normal) { ProgressBar::new(total) } else { ProgressBar::hidden() };
+    let bar = if reports(Level::Normal) { ProgressBar::new(total) } else { ProgressBar::hidden() };
     bar.with_style(style).with_message(what)
 }
 
 /// A sign of life for work without a known end.
 pub fn spinner(what: impl Into<std::borrow::Cow<'static, str>>) -> ProgressBar {
-    if !tells(Level::Normal) {
+    if !reports(Level::Normal) {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::new_spinner().with_message(shown(&what.into()));
@@ -156,9 +156,9 @@ mod tests {
     #[test]
     fn stage_share_and_time_left_are_told() {
         let now = |share| Now { stage: "2 of 4: search".into(), share, since: 0.0 };
-        assert_eq!(told(&now(0.25), 10.0, ""), "2 of 4: search, 25 % done, about 30 s left");
-        assert_eq!(told(&now(0.5), 600.0, "loss 0.1"), "2 of 4: search, 50 % done, about 10 min left (loss 0.1)");
-        assert_eq!(told(&now(0.0), 10.0, ""), "2 of 4: search, 0 % done");
+        assert_eq!(remarks(&now(0.25), 10.0, ""), "2 of 4: search, 25 % done, about 30 s left");
+        assert_eq!(remarks(&now(0.5), 600.0, "loss 0.1"), "2 of 4: search, 50 % done, about 10 min left (loss 0.1)");
+        assert_eq!(remarks(&now(0.0), 10.0, ""), "2 of 4: search, 0 % done");
         assert_eq!(duration(7200.0), "2.0 h");
     }
 }

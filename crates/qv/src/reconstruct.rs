@@ -9,7 +9,7 @@ mod words;
 pub use arguments::Reconstruct;
 
 use crate::capture::{OpenCapture, open_capture};
-use crate::colmap::{Chosen, better_poses, poses_again};
+use crate::colmap::{PoseChoice, better_poses, poses_again};
 use crate::normals::{self, NormalModel};
 use crate::outcome::about;
 use crate::output::{self, make_folder, put, write_whole};
@@ -71,7 +71,7 @@ impl Reconstruct {
         let chosen = self.open()?;
         let poses = words::of_poses(&chosen);
         let is_found = !chosen.is_given();
-        let Chosen { mut opened, mut lost, found, .. } = chosen;
+        let PoseChoice { mut opened, mut lost, found, .. } = chosen;
         if let Some(file) = &self.normal_model {
             let model = NormalModel { file, axes: &self.normal_axes, colours: self.normal_colours };
             normals::add_normals(&model, &mut opened, &self.out)?;
@@ -174,14 +174,14 @@ impl Reconstruct {
         let path = self.out.join("metrics.json");
         put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         bar.finish();
-        self.tell(
+        self.notify(
             &metrics,
             [Score::mean(&held_out), Score::mean(&aligned), Score::mean(&moving)],
             &run,
             search_s + train_s,
             model.cloud.len(),
         )?;
-        opened.capture.told.iter().for_each(|what| remark(what));
+        opened.capture.remarks.iter().for_each(|what| remark(what));
         dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
         lost.extend(self.lost(&dataset));
@@ -203,15 +203,15 @@ impl Reconstruct {
     }
 
     /// The capture with the poses that are taken.
-    fn open(&self) -> Result<Chosen, Failure> {
+    fn open(&self) -> Result<PoseChoice, Failure> {
         let folder = self.out.join("capture");
         if video::is_video(&self.capture) {
             let lost = video::project(&self.capture, &folder, self.frames)?;
-            return Ok(Chosen { lost, ..Chosen::given(open_capture(&folder)?, "COLMAP found them") });
+            return Ok(PoseChoice { lost, ..PoseChoice::given(open_capture(&folder)?, "COLMAP found them") });
         }
         let opened = open_capture(&self.capture).map_err(|e| video::or_video(&self.capture, e))?;
         match self.poses {
-            PosesFrom::Capture => Ok(Chosen::given(opened, "they were asked for")),
+            PosesFrom::Capture => Ok(PoseChoice::given(opened, "they were asked for")),
             PosesFrom::Colmap => poses_again(&self.capture, opened, &folder),
             PosesFrom::Auto => better_poses(&self.capture, opened, &folder),
         }
@@ -303,7 +303,7 @@ impl Reconstruct {
         }
         let before = file.background.unwrap_or_default();
         let now = dataset.background;
-        // Told in decimals that give the same bits.
+        // Reported in decimals that give the same bits.
         if before == now {
             return Ok(());
         }
@@ -523,7 +523,7 @@ impl Reconstruct {
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
-    /// Training broke down: the best scene so far is written before that is told.
+    /// Training broke down: the best scene so far is written before that is reported.
     fn rescue(&self, best: Best, dataset: &Dataset, error: SplatError) -> Result<bool, Failure> {
         let Some(kept) = best.kept().filter(|_| !self.has_finished_scene()) else { return Err(error.into()) };
         self.save_scene(&kept.cloud, dataset)?;
@@ -599,7 +599,7 @@ impl Reconstruct {
         lost
     }
 
-    fn tell(
+    fn notify(
         &self,
         metrics: &Value,
         means: [Option<Score>; 3],
@@ -635,12 +635,12 @@ impl Reconstruct {
         if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
             text += &format!("{depths}\n");
         }
-        let told = [
+        let remarks = [
             "held out",
             "held out, cameras aligned on the left half",
             "held out, with the motion of the camera fitted to the left half",
         ];
-        for (what, mean) in told.iter().zip(means) {
+        for (what, mean) in remarks.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
         }
@@ -661,7 +661,7 @@ fn named_value(value: &impl ValueEnum) -> Option<String> {
 
 /// Each camera as it was learned: its lens and the lens's vignetting, how far it moved, and the photographs' own motions (root mean square).
 fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
-    let one = |(group, shared): (usize, &cameras::Shared)| {
+    let one = |(group, shared): (usize, &cameras::SharedAppearance)| {
         let of = |k: &usize| model.groups[*k] == group;
         let taken: Vec<usize> = (0..model.groups.len()).filter(of).collect();
         let lens = shared.camera(&dataset.training[taken[0]].camera);

@@ -92,7 +92,8 @@ impl Render {
         make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a directory, found {e}")))?;
         let clock = Instant::now();
         let background = self.background.or(file.background).unwrap_or_default();
-        let Drawn { written, seconds, skipped } = self.draw(&file.cloud, &cameras, background, file.antialias)?;
+        let RenderResult { written, seconds, skipped } =
+            self.draw(&file.cloud, &cameras, background, file.antialias)?;
         let total = clock.elapsed().as_secs_f64();
         if skipped > 0 {
             lost.push(format!("{skipped} times a Gaussian was left out of a view since its numbers overflow"));
@@ -125,7 +126,7 @@ impl Render {
         cameras: &[CaptureCamera],
         background: [f32; 3],
         antialias: bool,
-    ) -> Result<Drawn, Failure> {
+    ) -> Result<RenderResult, Failure> {
         let outputs = Outputs { depth: self.depth, plane: self.normals, features: self.semantics };
         let settings = Settings { outputs, background, antialias };
         // All lenses first, so that a bad one is found before the work.
@@ -137,7 +138,7 @@ impl Render {
         self.check_names(cameras)?;
         let mut drawer = self.drawer(cloud)?;
         let bar = progress(cameras.len() as u64, "rendering");
-        let mut out = Drawn::default();
+        let mut out = RenderResult::default();
         let pixels = lenses.iter().map(|lens| lens.pinhole.pixels()).max().unwrap_or(1);
         let at_once = (PIXELS_AT_ONCE / pixels.max(1)).clamp(1, AT_ONCE);
         for (some, lenses) in cameras.chunks(at_once).zip(lenses.chunks(at_once)) {
@@ -219,7 +220,7 @@ impl Render {
 
 /// What came of drawing.
 #[derive(Default)]
-struct Drawn {
+struct RenderResult {
     /// Names, sizes and files of the images.
     written: Vec<serde_json::Value>,
     /// Time that drawing took, without writing \[s\].

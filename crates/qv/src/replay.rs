@@ -4,7 +4,7 @@ use crate::ground::{check_ground, terrain_of};
 use crate::inspect::known;
 use crate::numbers::within;
 use crate::open::{
-    beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, told_of, write_error,
+    beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, write_error,
 };
 use crate::output::{make_folder, put, stream};
 use crate::progress::spinner;
@@ -69,12 +69,12 @@ impl Replay {
         let mut report = to_json(&replay, factor);
         let lost = lost(&run, &model, &replay);
         report["lost"] = lost.as_slice().into();
-        let mut told = told_of(&run, &model);
-        told.extend(beyond_range(&options.parameters, &model, &terrain));
-        report["told"] = told.as_slice().into();
+        let mut remarks = remarks_of(&run, &model);
+        remarks.extend(beyond_range(&options.parameters, &model, &terrain));
+        report["remarks"] = remarks.as_slice().into();
         let read = [Some(self.run.run.as_path()), Some(Path::new(&self.terrain)), self.params.as_deref()];
         report["provenance"] = provenance(read.into_iter().chain([self.run.reading.robot_file()]).flatten());
-        let notes = notes(&run, &told, &replay);
+        let notes = notes(&run, &remarks, &replay);
         self.write(&run, &model, &replay, &report, &notes)?;
         if self.json {
             say(&format!("{report}\n"))?;
@@ -100,8 +100,12 @@ impl Replay {
         let html = to_html(replay, &title, notes);
         put(&self.out.join("replay.html"), html).map_err(|e| failed("replay.html", e))?;
         let path = self.out.join("replay.mcap");
-        let told = |e: qv_replay::ReplayError| file_error(&path, "room for the whole of it", &e.to_string());
-        stream(&path, |e| failed("replay.mcap", e), |file| write_mcap(replay, model, run.epoch, file).map_err(told))?;
+        let remarks = |e: qv_replay::ReplayError| file_error(&path, "room for the whole of it", &e.to_string());
+        stream(
+            &path,
+            |e| failed("replay.mcap", e),
+            |file| write_mcap(replay, model, run.epoch, file).map_err(remarks),
+        )?;
         let arranged = format!("{:#}\n", layout(replay));
         put(&self.out.join("replay.layout.json"), arranged).map_err(|e| failed("replay.layout.json", e))
     }
@@ -134,8 +138,8 @@ fn why_unused(run: &Run, joint: usize, model: &Model) -> &'static str {
 }
 
 /// What a reader of the numbers should know: what was lost, derived, left out.
-fn notes(run: &Run, told: &[String], replay: &qv_replay::Replay) -> Vec<String> {
-    let mut notes: Vec<String> = told.iter().map(|t| format!("{t}.")).collect();
+fn notes(run: &Run, remarks: &[String], replay: &qv_replay::Replay) -> Vec<String> {
+    let mut notes: Vec<String> = remarks.iter().map(|t| format!("{t}.")).collect();
     notes.extend(run.lost.iter().map(|l| format!("Lost from {}: {}.", l.file, l.what)));
     notes.extend(
         run.faults.iter().take(8).map(|f| format!("{:.3} s: {} in {}: {}.", f.time, f.kind, f.channel, f.detail)),

@@ -7,7 +7,7 @@ use image::DynamicImage;
 use indicatif::ProgressBar;
 use qv_core::{Camera, Pose};
 use qv_mesh::DepthFrame;
-use qv_mesh::planes::Drawn;
+use qv_mesh::planes::RenderedFrame;
 use qv_splat::captures::pictures;
 use qv_splat::captures::rgbd::{DEPTH_FOCAL, SIZE};
 use serde_json::Value;
@@ -53,7 +53,7 @@ pub fn open(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
 fn open_layout(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
     let capture = open_cameras(folder)?;
     let mut out = DepthCapture { lost: capture.lost, ..Default::default() };
-    capture.told.iter().for_each(|what| crate::progress::remark(&format!("{}: {what}", folder.display())));
+    capture.remarks.iter().for_each(|what| crate::progress::remark(&format!("{}: {what}", folder.display())));
     bar.set_length(capture.cameras.len() as u64);
     let folders = [folder.to_path_buf()];
     for one in capture.cameras {
@@ -200,9 +200,9 @@ fn open_transforms(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Fai
 
 impl DepthCapture {
     /// What was drawn of each frame, before any depth is left out.
-    pub fn drawn(&mut self) -> Vec<Drawn> {
+    pub fn drawn(&mut self) -> Vec<RenderedFrame> {
         let all = self.frames.iter().zip(std::mem::take(&mut self.colours));
-        all.map(|(frame, colour)| Drawn { colour, depth: frame.depth.clone() }).collect()
+        all.map(|(frame, colour)| RenderedFrame { colour, depth: frame.depth.clone() }).collect()
     }
 
     fn push(&mut self, name: String, frame: DepthFrame, labels: Option<Vec<u8>>) {

@@ -44,7 +44,7 @@ fn lines(robot: &RobotFile) -> String {
         0 => "joints by name".to_owned(),
         n => format!("{n} joints"),
     };
-    let found = if robot.told_by_messages { "found by its messages" } else { "by --robot alone" };
+    let found = if robot.found_by_messages { "found by its messages" } else { "by --robot alone" };
     let mut text = format!("{}: {}\n  {joints}, {}, {found}\n", mapping.robot, robot.about, model(robot));
     for stream in &mapping.streams {
         let types: Vec<&str> = stream.messages.iter().map(|m| m.name.as_str()).collect();
@@ -66,7 +66,7 @@ fn to_json(robot: &RobotFile) -> serde_json::Value {
         "about": robot.about,
         "joints": robot.mapping.joint_names,
         "model": model(robot),
-        "found_by_messages": robot.told_by_messages,
+        "found_by_messages": robot.found_by_messages,
         "streams": streams,
     })
 }

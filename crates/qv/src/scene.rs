@@ -39,7 +39,7 @@ pub fn open_scene(path: &Path) -> Result<SplatFile, Failure> {
         })
     };
     let scene = scene.map_err(|e| about(path, e))?;
-    scene.told.iter().for_each(|what| crate::progress::remark(&format!("{}: {what}", path.display())));
+    scene.remarks.iter().for_each(|what| crate::progress::remark(&format!("{}: {what}", path.display())));
     Ok(scene)
 }
 
@@ -165,7 +165,7 @@ fn models_in(directory: &Path) -> Vec<PathBuf> {
     vec![]
 }
 
-/// The model with the most images, the first of several; the others are told.
+/// The model with the most images, the first of several; the others are reported.
 fn largest(directory: &Path, models: &[PathBuf]) -> Result<OpenCameras, Failure> {
     let mut read = vec![];
     let mut lost = vec![];
@@ -185,12 +185,12 @@ fn largest(directory: &Path, models: &[PathBuf]) -> Result<OpenCameras, Failure>
         format!("{} ({} images)", model.strip_prefix(directory).unwrap_or(model).display(), sizes[index])
     };
     let others: Vec<String> = (0..sizes.len()).filter(|index| *index != best).map(shown).collect();
-    let told =
+    let remarks =
         format!("of {} COLMAP models the largest is read, {}; not {}", sizes.len(), shown(best), others.join(", "));
     let (mut capture, model) = read.swap_remove(best);
     capture.lost.extend(lost);
     if !others.is_empty() {
-        capture.told.push(told);
+        capture.remarks.push(remarks);
     }
     Ok(OpenCameras { capture, model: Some(model.clone()) })
 }

@@ -18,7 +18,7 @@ pub struct Fleet {
     /// Recordings, each of which is a unit
     #[arg(long, default_value_t = 1000, value_name = "N")]
     units: usize,
-    /// Units at once; overhead is told for one processor
+    /// Units at once; overhead is reported for one processor
     #[arg(long, default_value_t = 1, value_name = "N")]
     jobs: usize,
     /// Length of each recording, in seconds
@@ -47,7 +47,7 @@ const URDF: &str = "<robot name=\"shaft\"><link name=\"a\"/><link name=\"b\"><in
 
 /// What `qv fleet run --json` says.
 #[derive(Debug, Deserialize)]
-struct Ran {
+struct FleetRun {
     done: usize,
     core_hours: f64,
 }
@@ -88,7 +88,7 @@ pub fn run(workspace: &Workspace, options: &Fleet) -> Result<bool> {
     let jobs = options.jobs.to_string();
     let (plan_seconds, _) = timed(&["plan", "--command", "rehearse", "--out"], &[&fleet, &lab])?;
     let (run_seconds, text) = timed(&["run", "--json", "--jobs", &jobs], &[&fleet])?;
-    let ran: Ran = contest::parse(&text)?;
+    let ran: FleetRun = contest::parse(&text)?;
     anyhow::ensure!(ran.done == options.units, "expected {} units done, found {}", options.units, ran.done);
     let (again_seconds, _) = timed(&["run", "--json", "--jobs", &jobs], &[&fleet])?;
     let (gather_seconds, _) = timed(&["gather"], &[&fleet])?;

@@ -90,7 +90,7 @@ impl Workload {
 /// What `bench_raster --adapter` or `bench.py --probe` prints: a card, or what is missing.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(untagged)]
-enum Found {
+enum AdapterProbe {
     Missing {
         missing: String,
     },
@@ -170,8 +170,8 @@ pub fn run(workspace: &Workspace, raster: &Raster) -> Result<bool> {
     let ours = build(workspace, "bench_raster", &["gpu"])?;
     let (mut rows, mut adapter, mut peer) = (Vec::new(), "none".into(), None);
     match last_line(Command::new(&ours).arg("--adapter"))? {
-        Found::Missing { missing } => println!("no adapter, the CPU only: {missing}"),
-        Found::Card { name, driver, software, atomic } => {
+        AdapterProbe::Missing { missing } => println!("no adapter, the CPU only: {missing}"),
+        AdapterProbe::Card { name, driver, software, atomic } => {
             println!("{name} ({driver})");
             let contest = Contest::new(workspace, raster, ours.clone(), &name, software)?;
             if !atomic {
@@ -287,14 +287,14 @@ pub fn rival(workspace: &Workspace, with: &Path, ours: Option<&str>) -> Result<O
     let script = workspace.workspace_root.join("fixtures/gsplat/bench.py");
     let missing = if process::works(Command::new(with).arg("--version")) {
         match last_line(python(with, &script).arg("--probe"))? {
-            Found::Card { name: card, .. } => {
+            AdapterProbe::Card { name: card, .. } => {
                 println!("gsplat beside, on {card}");
                 if ours.is_some_and(|ours| card != ours) {
                     println!("the cards' names differ: the ratios may compare cards, too");
                 }
                 return Ok(Some(Rival { python: with.into(), script, card }));
             }
-            Found::Missing { missing } => missing,
+            AdapterProbe::Missing { missing } => missing,
         }
     } else {
         "a Python that starts".into()
@@ -398,14 +398,15 @@ mod tests {
 
     #[test]
     fn adapters_are_told_apart() {
-        let card: Found = parse(r#"{"atomic":true,"driver":"Mesa","name":"llvmpipe","software":true}"#).unwrap();
-        let expected = Found::Card { name: "llvmpipe".into(), driver: "Mesa".into(), software: true, atomic: true };
-        assert_eq!(card, expected);
-        let missing: Found = parse("gsplat: no toolkit\n{\"missing\": \"No module named 'torch'\"}").unwrap();
-        assert_eq!(missing, Found::Missing { missing: "No module named 'torch'".into() });
-        let peer: Found = parse(r#"{"name": "NVIDIA H200", "version": "1.5.3"}"#).unwrap();
+        let card: AdapterProbe = parse(r#"{"atomic":true,"driver":"Mesa","name":"llvmpipe","software":true}"#).unwrap();
         let expected =
-            Found::Card { name: "NVIDIA H200".into(), driver: String::new(), software: false, atomic: false };
+            AdapterProbe::Card { name: "llvmpipe".into(), driver: "Mesa".into(), software: true, atomic: true };
+        assert_eq!(card, expected);
+        let missing: AdapterProbe = parse("gsplat: no toolkit\n{\"missing\": \"No module named 'torch'\"}").unwrap();
+        assert_eq!(missing, AdapterProbe::Missing { missing: "No module named 'torch'".into() });
+        let peer: AdapterProbe = parse(r#"{"name": "NVIDIA H200", "version": "1.5.3"}"#).unwrap();
+        let expected =
+            AdapterProbe::Card { name: "NVIDIA H200".into(), driver: String::new(), software: false, atomic: false };
         assert_eq!(peer, expected);
     }
 

@@ -43,13 +43,13 @@ struct Metrics {
 
 /// What `train.py` prints.
 #[derive(Debug, Deserialize)]
-struct Trained {
+struct TrainerOutput {
     seconds: f64,
 }
 
 /// What `bench_reconstruct score` prints.
 #[derive(Debug, Clone, Deserialize, Serialize)]
-struct Scored {
+struct ScoreOutput {
     images: usize,
     gaussians: usize,
     psnr: f64,
@@ -63,7 +63,7 @@ struct Row {
     seed: u32,
     by: &'static str,
     seconds: f64,
-    scored: Scored,
+    scored: ScoreOutput,
 }
 
 /// Runs the benchmark, which has no gate.
@@ -98,7 +98,7 @@ pub fn run(workspace: &Workspace, what: &Reconstruct) -> Result<bool> {
                 let mut python = Command::new(&what.python);
                 python.env("PYTHONDONTWRITEBYTECODE", "1").arg(&script);
                 python.arg("--capture").arg(&photographs).arg("--out").arg(&scene);
-                let trained: Trained = last_line(with_options(&mut python, what, seed))?;
+                let trained: TrainerOutput = last_line(with_options(&mut python, what, seed))?;
                 rows.push(row("gsplat", seed, trained.seconds, &scene)?);
             }
             let out = place.join(format!("qv_{seed}"));
@@ -163,7 +163,7 @@ mod tests {
             seed,
             by: "qv",
             seconds: 10.0 + f64::from(seed),
-            scored: Scored { images: 7, gaussians: 150_000, psnr, ssim: 0.9 },
+            scored: ScoreOutput { images: 7, gaussians: 150_000, psnr, ssim: 0.9 },
         };
         let rows = [row(0, 31.0), row(1, 32.0)];
         let line = line("fox", "qv", &rows.iter().collect::<Vec<_>>());

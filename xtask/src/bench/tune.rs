@@ -123,7 +123,7 @@ pub fn run(workspace: &Workspace, tune: &Tune) -> Result<bool> {
             results.bumps.push([on(&[])?, on(&["--flat"])?]);
         }
     }
-    tell(&results);
+    notify(&results);
     contest::write(workspace, "tune.json", &results)?;
     Ok(true)
 }
@@ -179,7 +179,7 @@ fn one(
     Ok(found)
 }
 
-fn tell(results: &Results) {
+fn notify(results: &Results) {
     println!(
         "robot, engine: joint error left, path before and after [m], path left, control in the judging simulator [m], wall time [s]"
     );

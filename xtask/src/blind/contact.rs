@@ -44,7 +44,7 @@ struct Label {
 
 /// One recording.
 #[derive(Debug, Clone, PartialEq)]
-struct Scored {
+struct ScoredRecording {
     labels: Vec<Label>,
     /// Errors of the base \[m\] in segments that no fit has seen: uniform, prior, grid, posterior.
     errors: [f64; 4],
@@ -84,7 +84,7 @@ pub fn run(workspace: &Workspace, blind: &Blind, count: usize, folder: &Path) ->
     }
     progress.finish_and_clear();
     seal.open(&document)?;
-    let scored: Vec<Scored> = answers
+    let scored: Vec<ScoredRecording> = answers
         .recordings
         .iter()
         .map(|(name, answer)| score(&reports.join(name), answer).with_context(|| format!("recording {name}")))
@@ -113,7 +113,7 @@ fn calibrate(qv: &Path, recording: &Path, out: &Path) -> Result<()> {
     fs::write(&file, json!({"seconds": seconds}).to_string()).with_context(|| format!("writing {}", file.display()))
 }
 
-fn score(report: &Path, answer: &Answer) -> Result<Scored> {
+fn score(report: &Path, answer: &Answer) -> Result<ScoredRecording> {
     let read = |name: &str| -> Result<Value> {
         let file = report.join(name);
         let text = fs::read_to_string(&file).with_context(|| format!("reading {}", file.display()))?;
@@ -123,7 +123,7 @@ fn score(report: &Path, answer: &Answer) -> Result<Scored> {
     scored(&read("contact.json")?, answer, seconds)
 }
 
-fn scored(report: &Value, answer: &Answer, seconds: f64) -> Result<Scored> {
+fn scored(report: &Value, answer: &Answer, seconds: f64) -> Result<ScoredRecording> {
     let mut labels = Vec::new();
     for region in report["regions"].as_array().context("expected regions in contact.json")? {
         let name = region["label"].as_str().context("a region's label")?.to_string();
@@ -147,11 +147,11 @@ fn scored(report: &Value, answer: &Answer, seconds: f64) -> Result<Scored> {
     let [Some(uniform), Some(prior), Some(grid), Some(posterior)] = all else {
         bail!("expected errors of held-out segments in contact.json, found none")
     };
-    Ok(Scored { labels, errors: [uniform, prior, grid, posterior], seconds })
+    Ok(ScoredRecording { labels, errors: [uniform, prior, grid, posterior], seconds })
 }
 
 /// The tables, and how many goals are missed.
-fn table(all: &[Scored]) -> (String, usize) {
+fn table(all: &[ScoredRecording]) -> (String, usize) {
     let mut text = String::from(
         "| label | truth | prior | grid | posterior | off | in its 90 % interval |\n|---|---|---|---|---|---|---|\n",
     );

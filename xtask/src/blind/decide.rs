@@ -2,7 +2,7 @@
 
 use super::answers::{Answers, Case};
 use super::figures::figures;
-use super::score::{Scored, score};
+use super::score::{DiagnosisScore, score};
 use super::table;
 use crate::bench::contest;
 use crate::process;
@@ -36,7 +36,7 @@ pub fn run(workspace: &Workspace, decide: &Decide) -> Result<()> {
     let text = fs::read_to_string(&decide.answers).with_context(|| format!("reading {}", decide.answers.display()))?;
     let answers = Answers::read(&text)?;
     let folder = workspace.target_directory.join("blind/decided");
-    let decided = |name: &str, policy: Option<&Path>| -> Result<Vec<Scored>> {
+    let decided = |name: &str, policy: Option<&Path>| -> Result<Vec<DiagnosisScore>> {
         let out = folder.join(name);
         if out.exists() {
             fs::remove_dir_all(&out).with_context(|| format!("removing {}", out.display()))?;
@@ -54,7 +54,7 @@ pub fn run(workspace: &Workspace, decide: &Decide) -> Result<()> {
     };
     let other = decided("policy", Some(policy))?;
     // Recordings that the policy would have led elsewhere have no score; figures are of the others alone.
-    let both = |scored: &[Scored], of: &[Scored]| -> Vec<Scored> {
+    let both = |scored: &[DiagnosisScore], of: &[DiagnosisScore]| -> Vec<DiagnosisScore> {
         scored.iter().filter(|s| of.iter().any(|o| o.name == s.name)).cloned().collect()
     };
     let (own, other) = (both(&own, &other), both(&other, &own));
@@ -68,7 +68,7 @@ pub fn run(workspace: &Workspace, decide: &Decide) -> Result<()> {
 }
 
 /// Recordings that one is right about and the other is not, as two tables.
-fn differences(own: &[Scored], other: &[Scored]) -> String {
+fn differences(own: &[DiagnosisScore], other: &[DiagnosisScore]) -> String {
     let mut tables = [("won", String::new(), 0), ("lost", String::new(), 0)];
     for (before, after) in own.iter().zip(other) {
         let table = match (is_right(before), is_right(after)) {
@@ -88,7 +88,7 @@ fn differences(own: &[Scored], other: &[Scored]) -> String {
 }
 
 /// Whether a diagnosis says what it should: the effect that is there first, both of two, none where there is none or one that no library has.
-fn is_right(scored: &Scored) -> bool {
+fn is_right(scored: &DiagnosisScore) -> bool {
     match scored.case {
         Case::Single => scored.named,
         Case::Pair => scored.all_accused,

@@ -22,7 +22,7 @@ pub struct Diagnoses<'a> {
 }
 
 /// Effects taken out of the library in turn, the likeliest first: where the right one is among them, that is its
-/// leave-one-out without telling the diagnosis which it is. Each costs as much as the diagnosis.
+/// leave-one-out without reporting the diagnosis which it is. Each costs as much as the diagnosis.
 const LEAVE_OUT: &str = "1";
 /// Every so manieth recording is diagnosed with effects taken out, too.
 const LEAVES_OUT: usize = 3;

@@ -2,7 +2,7 @@
 
 use super::answers::Case;
 use super::report::UNKNOWN;
-use super::score::Scored;
+use super::score::DiagnosisScore;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -78,14 +78,14 @@ pub struct Figures {
     pub baselines: Vec<BaselineRow>,
     /// The same figures of the recordings of each origin; nothing where all are of one.
     pub by_origin: BTreeMap<String, Vec<Figure>>,
-    pub recordings: Vec<Scored>,
+    pub recordings: Vec<DiagnosisScore>,
 }
 
 /// Counts all scores.
-pub fn figures(scored: Vec<Scored>) -> Figures {
-    let everything: Vec<&Scored> = scored.iter().collect();
-    let single: Vec<&Scored> = scored.iter().filter(|s| s.case == Case::Single).collect();
-    let mut by_origin: BTreeMap<String, Vec<&Scored>> = BTreeMap::new();
+pub fn figures(scored: Vec<DiagnosisScore>) -> Figures {
+    let everything: Vec<&DiagnosisScore> = scored.iter().collect();
+    let single: Vec<&DiagnosisScore> = scored.iter().filter(|s| s.case == Case::Single).collect();
+    let mut by_origin: BTreeMap<String, Vec<&DiagnosisScore>> = BTreeMap::new();
     for s in &scored {
         by_origin.entry(s.origin.clone()).or_default().push(s);
     }
@@ -96,8 +96,8 @@ pub fn figures(scored: Vec<Scored>) -> Figures {
 }
 
 /// The figures of some recordings.
-fn list(scored: &[&Scored]) -> Vec<Figure> {
-    let of = |case: Case| scored.iter().copied().filter(|s| s.case == case).collect::<Vec<&Scored>>();
+fn list(scored: &[&DiagnosisScore]) -> Vec<Figure> {
+    let of = |case: Case| scored.iter().copied().filter(|s| s.case == case).collect::<Vec<&DiagnosisScore>>();
     let (none, single, pair, withheld) = (of(Case::None), of(Case::Single), of(Case::Pair), of(Case::Withheld));
     let mut all = single_figures(&single);
     all.push(
@@ -128,7 +128,12 @@ impl Figure {
 }
 
 /// Share of the scores for which something holds.
-fn share(name: &'static str, what: &'static str, of: &[&Scored], holds: impl Fn(&Scored) -> bool) -> Figure {
+fn share(
+    name: &'static str,
+    what: &'static str,
+    of: &[&DiagnosisScore],
+    holds: impl Fn(&DiagnosisScore) -> bool,
+) -> Figure {
     let some: Vec<bool> = of.iter().map(|s| holds(s)).collect();
     share_of(name, what, &some)
 }
@@ -167,14 +172,14 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     }
 }
 
-fn single_figures(single: &[&Scored]) -> Vec<Figure> {
-    let named: Vec<&Scored> = single.iter().copied().filter(|s| s.named).collect();
+fn single_figures(single: &[&DiagnosisScore]) -> Vec<Figure> {
+    let named: Vec<&DiagnosisScore> = single.iter().copied().filter(|s| s.named).collect();
     let inside = |which: usize| named.iter().flat_map(|s| s.inside.iter().map(move |i| i[which])).collect::<Vec<_>>();
     let interface: Vec<bool> = single.iter().filter_map(|s| s.interface).collect();
     let scope: Vec<bool> = named.iter().filter_map(|s| s.scope).collect();
     let outline: Vec<bool> = named.iter().filter_map(|s| s.outline).map(|error| error <= 0.15).collect();
     let holds: Vec<bool> = named.iter().filter_map(|s| s.closure_holds).collect();
-    let wrong = |s: &Scored| !s.named && !s.accused.is_empty();
+    let wrong = |s: &DiagnosisScore| !s.named && !s.accused.is_empty();
     vec![
         share("top_1", "in-library effect named first", single, |s| s.named).goal(Goal::AtLeast(0.85)),
         share("top_3", "among the three likeliest", single, |s| s.among_three).goal(Goal::AtLeast(0.95)),
@@ -199,8 +204,8 @@ fn single_figures(single: &[&Scored]) -> Vec<Figure> {
     ]
 }
 
-fn withheld_figures(withheld: &[&Scored]) -> Vec<Figure> {
-    let falsely = |s: &Scored| s.said != UNKNOWN && !s.accused.is_empty();
+fn withheld_figures(withheld: &[&DiagnosisScore]) -> Vec<Figure> {
+    let falsely = |s: &DiagnosisScore| s.said != UNKNOWN && !s.accused.is_empty();
     vec![
         share("withheld_unknown", "withheld effect called unknown", withheld, |s| s.said == UNKNOWN)
             .goal(Goal::AtLeast(0.85)),
@@ -210,7 +215,7 @@ fn withheld_figures(withheld: &[&Scored]) -> Vec<Figure> {
     ]
 }
 
-fn left_out_figures(single: &[&Scored]) -> Vec<Figure> {
+fn left_out_figures(single: &[&DiagnosisScore]) -> Vec<Figure> {
     let left_out: Vec<_> = single.iter().filter_map(|s| s.left_out.as_ref()).collect();
     let said = |holds: &dyn Fn(&str) -> bool| left_out.iter().map(|l| holds(&l.said)).collect::<Vec<_>>();
     let accuses = said(&|said| said != UNKNOWN && said != "no_gap");
@@ -224,9 +229,10 @@ fn left_out_figures(single: &[&Scored]) -> Vec<Figure> {
     ]
 }
 
-/// How well leaning to `unknown` tells effects outside the library (withheld, or left out) from those inside.
-fn auroc_figure(single: &[&Scored], pair: &[&Scored], withheld: &[&Scored]) -> Figure {
-    let answered = |of: &[&Scored]| of.iter().filter(|s| s.failure.is_none()).map(|s| s.leans).collect::<Vec<_>>();
+/// How well leaning to `unknown` shows effects outside the library (withheld, or left out) from those inside.
+fn auroc_figure(single: &[&DiagnosisScore], pair: &[&DiagnosisScore], withheld: &[&DiagnosisScore]) -> Figure {
+    let answered =
+        |of: &[&DiagnosisScore]| of.iter().filter(|s| s.failure.is_none()).map(|s| s.leans).collect::<Vec<_>>();
     let inside = [answered(single), answered(pair)].concat();
     let mut outside = answered(withheld);
     outside.extend(single.iter().filter_map(|s| s.left_out.as_ref()).map(|l| l.leans));
@@ -255,7 +261,7 @@ fn auroc(positive: &[f64], negative: &[f64]) -> Option<f64> {
     (pairs > 0).then(|| positive.iter().map(|p| wins(*p)).sum::<f64>() / pairs as f64)
 }
 
-fn time_figures(scored: &[&Scored]) -> Vec<Figure> {
+fn time_figures(scored: &[&DiagnosisScore]) -> Vec<Figure> {
     let times: Vec<f64> = scored.iter().filter_map(|s| s.runtime).collect();
     let longest = times.iter().copied().fold(None, |most: Option<f64>, t| Some(most.map_or(t, |m| m.max(t))));
     let count = times.len();
@@ -268,13 +274,13 @@ fn time_figures(scored: &[&Scored]) -> Vec<Figure> {
     ]
 }
 
-fn effect_rows(single: &[&Scored]) -> BTreeMap<String, EffectRow> {
-    let mut by_effect: BTreeMap<String, Vec<&Scored>> = BTreeMap::new();
+fn effect_rows(single: &[&DiagnosisScore]) -> BTreeMap<String, EffectRow> {
+    let mut by_effect: BTreeMap<String, Vec<&DiagnosisScore>> = BTreeMap::new();
     for s in single {
         by_effect.entry(s.truth[0].clone()).or_default().push(s);
     }
-    let row = |of: Vec<&Scored>| {
-        let part = |holds: fn(&Scored) -> bool| of.iter().filter(|s| holds(s)).count() as f64 / of.len() as f64;
+    let row = |of: Vec<&DiagnosisScore>| {
+        let part = |holds: fn(&DiagnosisScore) -> bool| of.iter().filter(|s| holds(s)).count() as f64 / of.len() as f64;
         let named = || of.iter().filter(|s| s.named);
         EffectRow {
             count: of.len(),
@@ -287,7 +293,7 @@ fn effect_rows(single: &[&Scored]) -> BTreeMap<String, EffectRow> {
     by_effect.into_iter().map(|(name, of)| (name, row(of))).collect()
 }
 
-fn confusion(scored: &[Scored]) -> BTreeMap<String, BTreeMap<String, usize>> {
+fn confusion(scored: &[DiagnosisScore]) -> BTreeMap<String, BTreeMap<String, usize>> {
     let mut out: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
     for s in scored.iter().filter(|s| s.case != Case::Pair) {
         let truth = s.truth.first().map_or("(no effect)", String::as_str);
@@ -297,21 +303,21 @@ fn confusion(scored: &[Scored]) -> BTreeMap<String, BTreeMap<String, usize>> {
     out
 }
 
-fn baseline_rows(scored: &[Scored]) -> Vec<BaselineRow> {
+fn baseline_rows(scored: &[DiagnosisScore]) -> Vec<BaselineRow> {
     let mut names: Vec<&String> = scored.iter().flat_map(|s| s.baselines.keys()).collect();
     names.sort();
     names.dedup();
     names.into_iter().map(|name| baseline_row(scored, name)).collect()
 }
 
-fn baseline_row(scored: &[Scored], name: &str) -> BaselineRow {
+fn baseline_row(scored: &[DiagnosisScore], name: &str) -> BaselineRow {
     let of = |case: Case| {
         let in_case = scored.iter().filter(move |s| s.case == case);
         in_case.filter_map(move |s| Some((s, s.baselines.get(name)?))).collect::<Vec<_>>()
     };
     let single = of(Case::Single);
     let part = |hits: usize, count: usize| (count > 0).then(|| hits as f64 / count as f64);
-    let names_one = |of: &[(&Scored, &super::report::Baseline)]| {
+    let names_one = |of: &[(&DiagnosisScore, &super::report::Baseline)]| {
         part(of.iter().filter(|(_, b)| b.effect.as_deref().is_some_and(|e| e != UNKNOWN)).count(), of.len())
     };
     let right = single.iter().filter(|(s, b)| b.effect.as_ref() == s.truth.first()).count();

@@ -81,14 +81,14 @@ impl Set {
 }
 
 /// Recordings on disk and answers in memory.
-pub struct Generated {
+pub struct GeneratedSet {
     /// Folder with a folder for each recording.
     pub recordings: PathBuf,
     /// The documents that the generator printed.
     pub documents: Vec<String>,
 }
 
-impl Generated {
+impl GeneratedSet {
     /// What was generated, as one text to be sealed.
     pub fn sealed_text(&self) -> String {
         self.documents.concat()
@@ -136,7 +136,7 @@ impl Generator {
         Ok(Self { command: vec![python, folder.join(script)], options: Vec::new(), files })
     }
 
-    /// What tells its seeds from those of the other generators; nothing of rapier's, whose recordings are older.
+    /// What shows its seeds from those of the other generators; nothing of rapier's, whose recordings are older.
     fn words(&self) -> Vec<String> {
         self.command[1..].iter().filter_map(|file| Some(file.file_name()?.to_str()?.to_string())).collect()
     }
@@ -165,7 +165,7 @@ pub fn build(workspace: &Workspace) -> Result<PathBuf> {
 ///
 /// # Errors
 /// The generator fails, or the folder cannot be written.
-pub fn generate(generators: &[Generator], sets: &[Set], seed: u64, jobs: usize, folder: &Path) -> Result<Generated> {
+pub fn generate(generators: &[Generator], sets: &[Set], seed: u64, jobs: usize, folder: &Path) -> Result<GeneratedSet> {
     let recordings = folder.join("recordings");
     fs::create_dir_all(&recordings).with_context(|| format!("making {}", recordings.display()))?;
     let kept = folder.join("redraws.json");
@@ -192,7 +192,7 @@ pub fn generate(generators: &[Generator], sets: &[Set], seed: u64, jobs: usize, 
     }
     bar.finish_and_clear();
     fs::write(&kept, serde_json::to_string(&redraws)?).with_context(|| format!("writing {}", kept.display()))?;
-    Ok(Generated { recordings, documents })
+    Ok(GeneratedSet { recordings, documents })
 }
 
 /// A progress bar; silent where there is no terminal.

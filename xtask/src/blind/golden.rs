@@ -4,7 +4,7 @@ use super::answers::Case;
 use super::arguments::Blind;
 use super::diagnosed;
 use super::generate::{Origin, Set};
-use super::score::{Scored, score};
+use super::score::{DiagnosisScore, score};
 use crate::pipeline::{Figure, differences, read_golden};
 use crate::workspace::Workspace;
 use anyhow::{Context, Result};
@@ -76,7 +76,7 @@ fn figures(workspace: &Workspace) -> Result<Vec<Figure>> {
 }
 
 /// Figures of one recording, which goes by what is there: its name is random.
-fn of(scored: &Scored) -> Vec<Figure> {
+fn of(scored: &DiagnosisScore) -> Vec<Figure> {
     let there = match scored.case {
         Case::None => "no effect".to_string(),
         Case::Withheld => format!("withheld {}", scored.truth.join(" and ")),

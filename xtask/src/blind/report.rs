@@ -24,7 +24,7 @@ pub struct Report {
     pub causes: Vec<Cause>,
     /// All effects with their probabilities.
     #[serde(default)]
-    pub ranking: Vec<Ranked>,
+    pub ranking: Vec<RankedEffect>,
     /// How long it took.
     #[serde(default)]
     pub timing: Timing,
@@ -107,14 +107,14 @@ pub struct Estimate {
 
 /// An effect's probability.
 #[derive(Debug, Clone, Deserialize)]
-pub struct Ranked {
+pub struct RankedEffect {
     pub effect: String,
     pub probability: f64,
 }
 
 /// What a diagnosis says first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Said<'a> {
+pub enum VerdictClass<'a> {
     /// There is no gap.
     NoGap,
     /// There is one, and none of the library's effects makes it.
@@ -138,12 +138,12 @@ impl Report {
     }
 
     /// What it says first.
-    pub fn said(&self) -> Said<'_> {
+    pub fn said(&self) -> VerdictClass<'_> {
         match self.causes.first() {
-            Some(cause) if cause.effect == UNKNOWN => Said::Unknown,
-            Some(cause) => Said::Named(&cause.effect),
-            None if self.verdict == "no_gap" => Said::NoGap,
-            None => Said::Unknown,
+            Some(cause) if cause.effect == UNKNOWN => VerdictClass::Unknown,
+            Some(cause) => VerdictClass::Named(&cause.effect),
+            None if self.verdict == "no_gap" => VerdictClass::NoGap,
+            None => VerdictClass::Unknown,
         }
     }
 
@@ -154,7 +154,7 @@ impl Report {
 
     /// The `count` likeliest effects of the library: what is accused, then the ranking in the order of probability.
     pub fn likeliest(&self, count: usize) -> Vec<&str> {
-        let mut ranking: Vec<&Ranked> = self.ranking.iter().collect();
+        let mut ranking: Vec<&RankedEffect> = self.ranking.iter().collect();
         ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
         let mut names: Vec<&str> = Vec::new();
         let all = self.causes.iter().map(|c| c.effect.as_str()).chain(ranking.iter().map(|r| r.effect.as_str()));
@@ -215,7 +215,7 @@ mod tests {
 
     fn report(causes: &[&str], ranking: &[(&str, f64)]) -> Report {
         let cause = |name: &&str| Cause { effect: (*name).into(), ..Default::default() };
-        let ranked = |(name, p): &(&str, f64)| Ranked { effect: (*name).into(), probability: *p };
+        let ranked = |(name, p): &(&str, f64)| RankedEffect { effect: (*name).into(), probability: *p };
         Report {
             causes: causes.iter().map(cause).collect(),
             ranking: ranking.iter().map(ranked).collect(),
@@ -225,10 +225,10 @@ mod tests {
 
     #[test]
     fn what_is_said_first() {
-        assert_eq!(report(&["a", "b"], &[]).said(), Said::Named("a"));
-        assert_eq!(report(&["unknown", "b"], &[]).said(), Said::Unknown);
-        assert_eq!(report(&[], &[]).said(), Said::Unknown);
-        assert_eq!(Report { verdict: "no_gap".into(), ..Default::default() }.said(), Said::NoGap);
+        assert_eq!(report(&["a", "b"], &[]).said(), VerdictClass::Named("a"));
+        assert_eq!(report(&["unknown", "b"], &[]).said(), VerdictClass::Unknown);
+        assert_eq!(report(&[], &[]).said(), VerdictClass::Unknown);
+        assert_eq!(Report { verdict: "no_gap".into(), ..Default::default() }.said(), VerdictClass::NoGap);
         assert_eq!(report(&["unknown", "b"], &[]).accused().count(), 1);
     }
 

@@ -1,7 +1,7 @@
 //! One report against its answer.
 
 use super::answers::{Answer, Case, Effect, Parameter};
-use super::report::{self, Baseline, Cause, Estimate, Report, Said};
+use super::report::{self, Baseline, Cause, Estimate, Report, VerdictClass};
 use anyhow::Result;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ const NINETY_OF_95: f64 = 1.644_853_6 / 1.959_964;
 
 /// How one diagnosis did.
 #[derive(Debug, Clone, Serialize)]
-pub struct Scored {
+pub struct DiagnosisScore {
     /// Name of the recording.
     pub name: String,
     #[serde(skip)]
@@ -74,11 +74,11 @@ pub struct LeftOut {
     pub leans: f64,
 }
 
-fn word(said: Said) -> String {
+fn word(said: VerdictClass) -> String {
     match said {
-        Said::NoGap => "no_gap".into(),
-        Said::Unknown => report::UNKNOWN.into(),
-        Said::Named(name) => name.into(),
+        VerdictClass::NoGap => "no_gap".into(),
+        VerdictClass::Unknown => report::UNKNOWN.into(),
+        VerdictClass::Named(name) => name.into(),
     }
 }
 
@@ -87,7 +87,7 @@ fn word(said: Said) -> String {
 ///
 /// # Errors
 /// `baselines.json` or a report without the effect is there and malformed.
-pub fn score(name: &str, answer: &Answer, folder: &Path) -> Result<Scored> {
+pub fn score(name: &str, answer: &Answer, folder: &Path) -> Result<DiagnosisScore> {
     let truth: Vec<String> = answer.effects.iter().map(|effect| effect.effect.clone()).collect();
     let (report, failure) = match Report::read(&folder.join("report.json")) {
         Ok(report) => (report, None),
@@ -98,7 +98,7 @@ pub fn score(name: &str, answer: &Answer, folder: &Path) -> Result<Scored> {
     let likeliest = report.likeliest(3);
     let of_groups =
         |list: fn(&Effect) -> &Vec<String>| answer.effects.iter().any(|effect| list(effect).contains(&said));
-    let mut scored = Scored {
+    let mut scored = DiagnosisScore {
         name: name.into(),
         case: answer.case,
         origin: answer.origin.clone(),
@@ -150,7 +150,7 @@ fn left_out(answer: &Answer, folder: &Path) -> Result<Option<LeftOut>> {
 }
 
 /// Sizes, joints and outline of an effect that is rightly accused.
-fn compare(answer: &Answer, effect: &Effect, cause: &Cause, report: &Report, scored: &mut Scored) {
+fn compare(answer: &Answer, effect: &Effect, cause: &Cause, report: &Report, scored: &mut DiagnosisScore) {
     let asked: Vec<&Parameter> = effect.parameters.iter().filter(|p| p.asked).collect();
     for parameter in &asked {
         let Some([least, most]) = parameter.range else { continue };

@@ -120,10 +120,10 @@ mod tests {
     #[test]
     fn the_page_says_how_it_was_measured() {
         let words = ["blind", "--full", "--seed", "7"].map(String::from);
-        let told = how(words.into_iter(), "commit 0123456789", &super::super::figures::figures(Vec::new()));
+        let remarks = how(words.into_iter(), "commit 0123456789", &super::super::figures::figures(Vec::new()));
         let expected =
             "`cargo xtask blind --full --seed 7`, commit 0123456789: 0 recordings, 0 of them with one named effect.";
-        assert_eq!(told, expected);
+        assert_eq!(remarks, expected);
     }
 
     #[test]

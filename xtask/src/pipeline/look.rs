@@ -37,7 +37,7 @@ pre.textContent=JSON.stringify(found).replace(/[&<>]/g,' ');document.body.append
 
 /// What a page looks like at one width.
 #[derive(Debug, Default, PartialEq, Deserialize)]
-struct Measured {
+struct PageSize {
     headings: Vec<String>,
     images: usize,
     /// Images without pixels.
@@ -88,7 +88,7 @@ pub fn take_picture(browser: &Path, page: &Path, picture: &Path) -> Result<()> {
     process::run(take.stdout(Stdio::null()).stderr(Stdio::null()))
 }
 
-fn wrong(page: &Measured) -> Vec<String> {
+fn wrong(page: &PageSize) -> Vec<String> {
     let mut found = vec![];
     let mut expect = |holds: bool, what: String| {
         if !holds {
@@ -127,7 +127,7 @@ fn with_measure(page: &str) -> String {
     allowed + MEASURE
 }
 
-fn measure(browser: &Path, page: &Path, width: u32) -> Result<Measured> {
+fn measure(browser: &Path, page: &Path, width: u32) -> Result<PageSize> {
     let text = fs::read_to_string(page).with_context(|| format!("reading {}", page.display()))?;
     let copy = page.with_extension("measured.html");
     fs::write(&copy, with_measure(&text)).with_context(|| format!("writing {}", copy.display()))?;

@@ -76,7 +76,7 @@ const fn qv(words: &'static str) -> Call {
     Call { program: Program::Qv, words, said: None }
 }
 
-const fn told(words: &'static str, said: &'static str) -> Call {
+const fn remarks(words: &'static str, said: &'static str) -> Call {
     Call { program: Program::Qv, words, said: Some(said) }
 }
 
@@ -124,8 +124,8 @@ impl Stage {
             ),
         ];
         const INSPECT: [Call; 2] = [
-            told("inspect recording/tiles/run.mcap --json", "inspect/tiles.json"),
-            told("inspect recording/gravel/run.mcap --json", "inspect/gravel.json"),
+            remarks("inspect recording/tiles/run.mcap --json", "inspect/tiles.json"),
+            remarks("inspect recording/gravel/run.mcap --json", "inspect/gravel.json"),
         ];
         const RECONSTRUCT: [Call; 1] = [qv(
             "reconstruct yard --out reconstruct --poses capture --background black --iterations 3000 --small 0.5 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
@@ -133,7 +133,7 @@ impl Stage {
         const RECONSTRUCT_SMALL: [Call; 1] = [qv(
             "reconstruct yard --out reconstruct --poses capture --background black --iterations 2000 --small 0.75 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
         )];
-        const MESH: [Call; 1] = [told(
+        const MESH: [Call; 1] = [remarks(
             "mesh reconstruct/scene.ply --cameras yard/transforms.json --labels yard/labels.toml --triangles 40000 \
              --compare yard/truth.glb --out mesh/terrain.glb --json",
             "mesh/mesh.json",
@@ -169,12 +169,12 @@ impl Stage {
             qv(
                 "navigate train --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --rounds 3 --frames 1500 --robots 32 --epochs 8 --batch 2 --seed 1 --out navigate --json",
             ),
-            told(
+            remarks(
                 "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --out navigate/results.json",
                 "navigate/said.txt",
             ),
             // The same policy on the tuned robot, in the simulator that was made like the recorded one.
-            told(
+            remarks(
                 "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --walk tune/policy.onnx --params tune/compensator.json --out navigate/walked.json",
                 "navigate/said_walked.txt",
             ),

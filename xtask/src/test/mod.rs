@@ -124,7 +124,7 @@ fn run_documentation(workspace: &Workspace, common: &[String]) -> Result<TestRun
     cargo.current_dir(&workspace.workspace_root).args(["test", "--doc", "--no-fail-fast"]).args(common);
     let (clock, mut counts) = (Instant::now(), Counts::default());
     let succeeded = process::watch(&mut cargo, |line| counts.add_line(line, Duration::ZERO))?;
-    // Examples run beside each other, so that lines tell nothing of the time of one.
+    // Examples run beside each other, so that lines show nothing of the time of one.
     counts.durations.clear();
     if !succeeded && counts.failed == 0 {
         counts.failed = 1;

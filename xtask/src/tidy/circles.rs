@@ -61,7 +61,7 @@ enum Meaning {
 }
 
 /// Modules and names that were asked for already, so that names which pass each other on come to an end.
-type Asked = BTreeSet<(Vec<String>, String, bool)>;
+type VisitedNames = BTreeSet<(Vec<String>, String, bool)>;
 
 impl Graph {
     fn read(texts: &BTreeMap<&Path, &str>, root: &Path) -> Self {
@@ -95,7 +95,7 @@ impl Graph {
             let imports = module.imports.iter().filter(|import| !import.is_public);
             for path in imports.map(|import| &import.path).chain(&module.paths) {
                 if let Some(Meaning::Item(to)) =
-                    self.meaning(place, path, true, &mut Asked::new()).filter(|to| *to != Meaning::Item(*from))
+                    self.meaning(place, path, true, &mut VisitedNames::new()).filter(|to| *to != Meaning::Item(*from))
                 {
                     found.entry((*from, to)).or_insert_with(|| path.join("::"));
                 }
@@ -106,7 +106,7 @@ impl Graph {
 
     /// What a path in the module at `place` stands for; `None` for what is not of this crate. Of a module and an item
     /// of the same name, the path means the item if `to_item`.
-    fn meaning(&self, place: &[String], path: &[String], to_item: bool, asked: &mut Asked) -> Option<Meaning> {
+    fn meaning(&self, place: &[String], path: &[String], to_item: bool, asked: &mut VisitedNames) -> Option<Meaning> {
         let (first, rest) = path.split_first()?;
         let start = match first.as_str() {
             "crate" => Meaning::Module(Vec::new()),
@@ -125,7 +125,7 @@ impl Graph {
     }
 
     /// What a name of the module at `place` stands for, if it declares the name or passes it on.
-    fn member(&self, place: &[String], name: &str, is_last: bool, asked: &mut Asked) -> Option<Meaning> {
+    fn member(&self, place: &[String], name: &str, is_last: bool, asked: &mut VisitedNames) -> Option<Meaning> {
         let (file, module) = self.modules.get(place)?;
         if !asked.insert((place.to_vec(), name.to_owned(), is_last)) {
             return None;
@@ -141,7 +141,7 @@ impl Graph {
         then.or_else(own).or_else(child)
     }
 
-    fn imported(&self, place: &[String], import: &Import, is_last: bool, asked: &mut Asked) -> Option<Meaning> {
+    fn imported(&self, place: &[String], import: &Import, is_last: bool, asked: &mut VisitedNames) -> Option<Meaning> {
         // `use name;` would ask for itself.
         (import.path.len() > 1 || import.path[0] != import.name)
             .then(|| self.meaning(place, &import.path, is_last, asked))
@@ -154,7 +154,7 @@ impl Graph {
         star: &Import,
         name: &str,
         is_last: bool,
-        asked: &mut Asked,
+        asked: &mut VisitedNames,
     ) -> Option<Meaning> {
         match self.meaning(place, &star.path, false, asked)? {
             Meaning::Module(at) if at != place => self.member(&at, name, is_last, asked),

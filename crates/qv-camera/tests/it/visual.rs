@@ -1,7 +1,7 @@
 //! A camera with something hidden, in the yard: named, sized, and nothing accused where nothing is.
 
 use crate::facts::States;
-use crate::footage::{Hidden, Recording, Truth, error, recording, yard};
+use crate::footage::{HiddenError, Recording, Truth, error, recording, yard};
 use qv_camera::{Footage, Look, LookOptions, check, look};
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::decision::{Policy, decide_camera};
@@ -18,7 +18,7 @@ fn options() -> LookOptions<'static> {
     LookOptions { width: 120, ..Default::default() }
 }
 
-fn looked(hidden: Hidden) -> Look {
+fn looked(hidden: HiddenError) -> Look {
     let recording = recording(truth(), hidden, 9);
     look(&recording.footage(&truth().cloud), &options()).unwrap()
 }
@@ -27,7 +27,7 @@ fn decided(look: &Look) -> Sight {
     Sight::new(&look.evidence, &decide_camera(&look.evidence, &Policy::default()))
 }
 
-fn named(hidden: Hidden, tolerance: f64) -> Look {
+fn named(hidden: HiddenError, tolerance: f64) -> Look {
     let look = looked(hidden);
     let sight = decided(&look);
     let names: Vec<&str> = sight.causes.iter().map(|c| c.effect.as_str()).collect();
@@ -41,16 +41,16 @@ fn named(hidden: Hidden, tolerance: f64) -> Look {
 
 #[test]
 fn a_camera_as_stated_is_not_accused() {
-    let look = looked(Hidden::Nothing);
+    let look = looked(HiddenError::Nothing);
     let sight = decided(&look);
     assert!(sight.causes.is_empty() && sight.verdict == Verdict::NoGap, "{} {:?}", sight.sentence, sight.evidence);
     assert_eq!(sight.ranking[0].effect, "none");
-    assert_eq!(look.corrected, recording(truth(), Hidden::Nothing, 9).rig);
+    assert_eq!(look.corrected, recording(truth(), HiddenError::Nothing, 9).rig);
 }
 
 #[test]
 fn a_delay_is_named_and_the_corrected_camera_has_none() {
-    let hidden = Hidden::Delay(0.06);
+    let hidden = HiddenError::Delay(0.06);
     let Look { corrected, pictures, .. } = named(hidden, 0.01);
     assert!(pictures.len() == 3 && pictures[0].photograph.len() == 3 * pictures[0].width * pictures[0].height);
     let mut again = recording(truth(), hidden, 9);
@@ -61,17 +61,17 @@ fn a_delay_is_named_and_the_corrected_camera_has_none() {
 
 #[test]
 fn a_turned_camera_is_named() {
-    named(Hidden::Extrinsics([0.0, 0.01, 0.0, 0.03, -0.01, 0.01]), 0.3f64.to_radians());
+    named(HiddenError::Extrinsics([0.0, 0.01, 0.0, 0.03, -0.01, 0.01]), 0.3f64.to_radians());
 }
 
 #[test]
 fn an_exposure_is_named() {
-    named(Hidden::Exposure(-0.9), 0.3);
+    named(HiddenError::Exposure(-0.9), 0.3);
 }
 
 #[test]
 fn a_scene_that_lies_elsewhere_is_no_effect_of_the_camera() {
-    let recording = recording(truth(), Hidden::Nothing, 9);
+    let recording = recording(truth(), HiddenError::Nothing, 9);
     let mut shifted = truth().cloud.clone();
     shifted.means.iter_mut().for_each(|m| m[0] += 0.09);
     let sight = decided(&look(&recording.footage(&shifted), &options()).unwrap());
@@ -81,7 +81,7 @@ fn a_scene_that_lies_elsewhere_is_no_effect_of_the_camera() {
 
 #[test]
 fn a_scene_of_another_place_is_said_to_be_one() {
-    let recording = recording(truth(), Hidden::Nothing, 9);
+    let recording = recording(truth(), HiddenError::Nothing, 9);
     let mut other = truth().cloud.clone();
     // The same surfaces with the colours of others.
     let step = 7919 % other.sh.len();
@@ -93,7 +93,7 @@ fn a_scene_of_another_place_is_said_to_be_one() {
 
 #[test]
 fn the_same_bits_on_any_number_of_threads() {
-    let recording = recording(truth(), Hidden::Delay(0.04), 2);
+    let recording = recording(truth(), HiddenError::Delay(0.04), 2);
     let photographs = &recording.photographs[..6];
     let footage = Footage { photographs, ..recording.footage(&truth().cloud) };
     let on = |threads: usize| {
@@ -105,7 +105,7 @@ fn the_same_bits_on_any_number_of_threads() {
 
 #[test]
 fn bad_inputs_are_named() {
-    let good = recording(truth(), Hidden::Nothing, 1);
+    let good = recording(truth(), HiddenError::Nothing, 1);
     let fails = |footage: &Footage, words: &[&str]| {
         for error in [check(footage, &options()).unwrap_err(), look(footage, &options()).unwrap_err()] {
             let error = error.to_string();
@@ -117,7 +117,7 @@ fn bad_inputs_are_named() {
     fails(&Footage { poses: None, ..footage }, &["base pose"]);
     let late = JointSeries::new(vec![100.0, 101.0], [1.0; 14].to_vec(), 7).unwrap();
     fails(&Footage { poses: Some(&late), ..footage }, &["images", "0 of 14"]);
-    let mut small: Recording = recording(truth(), Hidden::Nothing, 1);
+    let mut small: Recording = recording(truth(), HiddenError::Nothing, 1);
     small.photographs[3].rgba.pop();
     fails(&small.footage(&truth().cloud), &["image size", "160 x 120"]);
     let mut elsewhere: GaussianCloud = truth().cloud.clone();

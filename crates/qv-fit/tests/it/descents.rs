@@ -1,7 +1,7 @@
 //! Fits that are no lines: a bent valley, outliers, what runs away, what means nothing.
 
 use crate::problems::{line, noisy_line};
-use qv_fit::{Blocks, Differences, FitError, Loss, Options, Problem, Stopped, fit};
+use qv_fit::{Blocks, Differences, FitError, Loss, Options, Problem, StopReason, fit};
 
 /// Rosenbrock's valley (Computer Journal 3, 1960): least at (1, 1).
 fn valley(points: &[Vec<f64>]) -> Result<Vec<Blocks>, FitError> {
@@ -83,6 +83,6 @@ fn a_parameter_that_shows_in_nothing_stays_and_is_not_known() {
         Ok(points.iter().map(|p| vec![vec![p[0] - 1.0], vec![p[0] - 1.2]]).collect())
     };
     let found = fit(&Problem::new(&[0.0, 3.0], &[0.01, 0.01]), &Options::default(), blind).unwrap();
-    assert_eq!((found.values[1], found.stopped), (3.0, Stopped::Stuck));
+    assert_eq!((found.values[1], found.stopped), (3.0, StopReason::Stuck));
     assert!(found.deviations().iter().all(|d| d.is_infinite()));
 }

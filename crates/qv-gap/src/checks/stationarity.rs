@@ -13,7 +13,7 @@ use qv_fit::linear::{dot, minus, times};
 use serde::{Deserialize, Serialize};
 
 /// What a joint asks for in a window.
-struct Asked {
+struct JointDemand {
     /// Change of the value.
     change: f64,
     /// Weight.
@@ -36,7 +36,7 @@ pub struct Dependence {
 /// The last of the factors.
 pub const TIME: &str = "time";
 const FACTORS: [&str; 4] = ["speed", "nearness to rest", "load", TIME];
-/// Windows from which a slope and its error are told.
+/// Windows from which a slope and its error are reported.
 const LEAST_WINDOWS: usize = 8;
 /// Speed below which a joint is nearly at rest, where friction fades fastest \[rad/s\].
 const SLOW: f64 = 1.0;
@@ -75,11 +75,11 @@ pub fn fading(
     let ask = |seen: &LinearisedWindow| {
         let weight = dot(&along, &times(&seen.h, &along));
         let change = dot(&along, &minus(&seen.nominal().b, &times(&seen.h, &deviations))) / weight;
-        // A robot that stands tells a force ten times as well as engines agree on it.
+        // A robot that stands shows a force ten times as well as engines agree on it.
         let weight = 1.0 / (1.0 / weight + columns.effects[effect].engine_error.powi(2));
-        (weight > 0.0).then_some(Asked { change, weight, known: [0.0, 0.0, 0.0, seen.window.start] })
+        (weight > 0.0).then_some(JointDemand { change, weight, known: [0.0, 0.0, 0.0, seen.window.start] })
     };
-    let asked: Vec<Asked> = study.seen.iter().filter(is_inside).filter_map(ask).collect();
+    let asked: Vec<JointDemand> = study.seen.iter().filter(is_inside).filter_map(ask).collect();
     if asked.len() < LEAST_WINDOWS {
         return None;
     }
@@ -124,9 +124,12 @@ pub(super) fn asks(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<
     all
 }
 
-fn asked(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Asked> {
-    let of =
-        |a: Ask| Asked { change: a.change, weight: a.weight, known: known(study, &study.seen[a.window], a.member) };
+fn asked(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<JointDemand> {
+    let of = |a: Ask| JointDemand {
+        change: a.change,
+        weight: a.weight,
+        known: known(study, &study.seen[a.window], a.member),
+    };
     asks(study, name, group).into_iter().map(of).collect()
 }
 
@@ -153,18 +156,18 @@ pub(crate) fn mean_of(
     all.iter().map(|x| of(*x)).sum::<f64>() / all.len().max(1) as f64
 }
 
-fn dependence(asked: &[Asked], factor: usize) -> Option<Dependence> {
+fn dependence(asked: &[JointDemand], factor: usize) -> Option<Dependence> {
     let total: f64 = asked.iter().map(|a| a.weight).sum();
-    let mean = |of: &dyn Fn(&Asked) -> f64| asked.iter().map(|a| a.weight * of(a)).sum::<f64>() / total;
+    let mean = |of: &dyn Fn(&JointDemand) -> f64| asked.iter().map(|a| a.weight * of(a)).sum::<f64>() / total;
     let centre = mean(&|a| a.known[factor]);
     let middle = mean(&|a| a.change);
     let spread = mean(&|a| (a.known[factor] - centre).powi(2)).sqrt();
     if !(total > 0.0 && spread > 0.0) {
         return None;
     }
-    let z = |a: &Asked| (a.known[factor] - centre) / spread;
+    let z = |a: &JointDemand| (a.known[factor] - centre) / spread;
     let slope = mean(&|a| z(a) * (a.change - middle));
-    let left = |a: &Asked| a.change - middle - slope * z(a);
+    let left = |a: &JointDemand| a.change - middle - slope * z(a);
     let variance: f64 = asked.iter().map(|a| (a.weight * z(a) * left(a)).powi(2)).sum::<f64>() / (total * total);
     let (on, change) = (FACTORS[factor].to_owned(), 2.0 * slope);
     (variance > 0.0).then(|| Dependence { on, errors: slope / variance.sqrt(), change })
@@ -176,19 +179,19 @@ mod tests {
     use qv_core::random::SplitMix64;
 
     /// Eight hundred windows that ask for 0.1 per unit of speed and for nothing else, with noise.
-    fn asked(slope: f64) -> Vec<Asked> {
+    fn asked(slope: f64) -> Vec<JointDemand> {
         let mut random = SplitMix64::of(3, 1);
         let mut one = || {
             let known = [random.uniform(), random.uniform(), random.uniform(), random.uniform()];
             let change = slope * known[0] + 0.1 * (random.uniform() - 0.5);
-            Asked { change, weight: 0.5 + random.uniform(), known }
+            JointDemand { change, weight: 0.5 + random.uniform(), known }
         };
         (0..800).map(|_| one()).collect()
     }
 
     #[test]
     fn a_value_that_changes_with_speed_is_told_and_no_other() {
-        let of = |asked: &[Asked]| -> Vec<Dependence> { (0..4).filter_map(|f| dependence(asked, f)).collect() };
+        let of = |asked: &[JointDemand]| -> Vec<Dependence> { (0..4).filter_map(|f| dependence(asked, f)).collect() };
         let changing = of(&asked(0.1));
         assert!(changing[0].errors > 10.0, "{changing:?}");
         // Two standard deviations of what lies evenly between 0 and 1.
@@ -199,7 +202,8 @@ mod tests {
 
     #[test]
     fn windows_that_are_all_alike_say_nothing() {
-        let alike: Vec<Asked> = (0..5).map(|_| Asked { change: 1.0, weight: 1.0, known: [2.0; 4] }).collect();
+        let alike: Vec<JointDemand> =
+            (0..5).map(|_| JointDemand { change: 1.0, weight: 1.0, known: [2.0; 4] }).collect();
         assert!((0..4).all(|f| dependence(&alike, f).is_none()));
         assert_eq!(dependence(&[], 0), None);
     }

@@ -2,11 +2,11 @@
 
 use super::evidence::CameraEvidence;
 use super::policy::Policy;
-use crate::findings::{Ranked, Verdict};
+use crate::findings::{RankedEffect, Verdict};
 
 /// Name of no effect in the ranking of the camera.
 pub const NONE: &str = "none";
-/// Most steps of `Policy::nats` that evidence counts: no more can be told apart.
+/// Most steps of `Policy::nats` that evidence counts: no more can be distinguished.
 const MOST_STEPS: f64 = 60.0;
 
 /// What the evidence of a camera comes to.
@@ -15,7 +15,7 @@ pub struct CameraDecision {
     /// The outcome for this interface.
     pub verdict: Verdict,
     /// Effects of the camera and [`NONE`] by probability.
-    pub ranking: Vec<Ranked>,
+    pub ranking: Vec<RankedEffect>,
 }
 
 /// Decides on the camera alone.
@@ -42,7 +42,7 @@ pub fn both(robot: Verdict, camera: Verdict) -> Verdict {
 
 /// That each effect is there; several can be, so that they need not sum to 1. Evidence counts in steps of `Policy::nats`: beyond any doubt
 /// about the model itself odds mean nothing.
-fn ranking(camera: &CameraEvidence, policy: &Policy) -> Vec<Ranked> {
+fn ranking(camera: &CameraEvidence, policy: &Policy) -> Vec<RankedEffect> {
     let weight = |evidence: f64| (evidence / policy.nats).min(MOST_STEPS).exp();
     let weights = || camera.evidence.iter().map(|(_, evidence)| weight(*evidence));
     // Without an accusation none is likelier than all of them.
@@ -52,10 +52,10 @@ fn ranking(camera: &CameraEvidence, policy: &Policy) -> Vec<Ranked> {
         let share = weight(*evidence) / total;
         let is_accused = camera.causes.iter().any(|c| c.effect == *effect);
         let probability = if is_accused { share.max(policy.accused_share) } else { share };
-        Ranked { effect: effect.clone(), probability }
+        RankedEffect { effect: effect.clone(), probability }
     };
-    let mut all: Vec<Ranked> = camera.evidence.iter().map(one).collect();
-    all.push(Ranked { effect: NONE.into(), probability: of_none / total });
+    let mut all: Vec<RankedEffect> = camera.evidence.iter().map(one).collect();
+    all.push(RankedEffect { effect: NONE.into(), probability: of_none / total });
     all.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     all
 }

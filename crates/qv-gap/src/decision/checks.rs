@@ -4,7 +4,7 @@
 //! cannot imitate where no engine has a part: in the law of the actuators, and in what another effect of the same joints asks for.
 
 use super::doubt::Doubt;
-use super::evidence::{Accused, ActsOn, Candidate, Corrected, Evidence, Level};
+use super::evidence::{ActsOn, Candidate, CorrectedRobot, Evidence, IdentifiedCause, Level};
 use super::judge::Judge;
 use super::policy::Policy;
 use super::twins::twins;
@@ -18,7 +18,7 @@ pub struct Checks<'c> {
     /// What was measured,
     pub evidence: &'c Evidence,
     /// of the robot with all that is accused,
-    pub corrected: &'c Corrected,
+    pub corrected: &'c CorrectedRobot,
     /// whose level is this.
     pub level: Level,
 }
@@ -79,7 +79,7 @@ impl Checks<'_> {
     }
 
     /// What is accused, as it was found.
-    fn accused(&self) -> impl Iterator<Item = (&Accused, &Candidate)> {
+    fn accused(&self) -> impl Iterator<Item = (&IdentifiedCause, &Candidate)> {
         self.evidence.accused()
     }
 
@@ -128,7 +128,7 @@ impl Checks<'_> {
         if self.evidence.effects.iter().any(|e| e.is_payload && e.is_known) {
             return None;
         }
-        let upwards = |(a, c): (&Accused, &Candidate)| {
+        let upwards = |(a, c): (&IdentifiedCause, &Candidate)| {
             let up = self.evidence.effect(&c.effect)?.upwards?;
             let length = a.values.iter().map(|v| v * v).sum::<f64>().sqrt();
             (c.extent.is_none() && a.values[up].abs() > self.policy.vertical * length).then_some(a.values[up])

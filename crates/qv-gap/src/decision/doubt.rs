@@ -92,7 +92,7 @@ pub enum Doubt {
     SameJoints(String, f64),
     /// Share of the held-out gap that is closed; where most of a large gap is left, the loss over the floor.
     LittleClosed(f64, Option<f64>),
-    /// Level with all that is accused, and up to which causes are told beside something unknown.
+    /// Level with all that is accused, and up to which causes are reported beside something unknown.
     TooFar([f64; 2]),
 }
 
@@ -146,7 +146,7 @@ impl fmt::Display for Doubt {
             Self::TooFar([level, most]) => write!(
                 f,
                 "with it the recording is {level:.1} times as far from the simulator as noise and tolerances explain; \
-                 beside something unknown a cause is told up to {most}"
+                 beside something unknown a cause is remarks up to {most}"
             ),
         }
     }

@@ -18,7 +18,7 @@ pub const FORMAT: &str = "qv-evidence/2";
 /// The format before, which lacks [`Evidence::report`]: it can be decided on, and not rendered.
 const BEFORE: &str = "qv-evidence/1";
 
-/// What an effect acts on, as far as decisions tell that apart.
+/// What an effect acts on, as far as decisions distinguish that.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ActsOn {
@@ -50,7 +50,7 @@ pub struct EffectFacts {
     /// Interface that it belongs to.
     #[serde(default)]
     pub interface: String,
-    /// What would tell it from the effects that look like it.
+    /// What would distinguish it from the effects that look like it.
     #[serde(default)]
     pub experiment: String,
 }
@@ -64,7 +64,7 @@ pub struct HeldOut {
     pub fall: [f64; 2],
     /// The same of the logarithm of the loss.
     pub fall_of_logarithm: [f64; 2],
-    /// The same of pieces of windows, where these told the candidate.
+    /// The same of pieces of windows, where these reported the candidate.
     pub fall_of_pieces: Option<[f64; 2]>,
     /// What the law of those actuators leaves that it changes, in units of the null, before and after.
     pub actuator_residual: [f64; 2],
@@ -153,7 +153,7 @@ pub struct After {
 
 /// What was accused in the end, with the sizes that it has in the corrected robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Accused {
+pub struct IdentifiedCause {
     /// Round that it was accused in.
     pub round: usize,
     /// Which of its candidates.
@@ -170,7 +170,7 @@ pub struct Accused {
 
 /// An effect that the corrected robot asks for by one linear step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Asked {
+pub struct LinearCandidate {
     /// Name.
     pub effect: String,
     /// Indices of what it acts on.
@@ -184,7 +184,7 @@ pub struct Asked {
 
 /// All that is accused, in windows that no fit has seen.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Closed {
+pub struct Closure {
     /// Mean loss before and after.
     pub loss: [f64; 2],
     /// What noise alone gives.
@@ -203,17 +203,17 @@ pub struct Closed {
 
 /// What was measured of the robot with all that was accused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Corrected {
+pub struct CorrectedRobot {
     /// What was accused.
-    pub accused: Vec<Accused>,
+    pub accused: Vec<IdentifiedCause>,
     /// What the laws of the actuators leave.
     pub actuator_residuals: Vec<ActuatorResidual>,
     /// Other effects of the accused joints that are asked for, best first.
-    pub same_joints: Vec<Asked>,
+    pub same_joints: Vec<LinearCandidate>,
     /// Log evidence of every effect that is not accused, by one linear step.
     pub beside: BTreeMap<String, f64>,
     /// How far the gap shrinks.
-    pub closed: Closed,
+    pub closed: Closure,
 }
 
 /// Simulator and recording beside each other, the robot as it is stated or corrected.
@@ -233,7 +233,7 @@ pub struct Comparison {
     pub corrections: Vec<Correction>,
 }
 
-/// What a report says of one that was accused, in the order of [`Corrected::accused`].
+/// What a report says of one that was accused, in the order of [`CorrectedRobot::accused`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CauseData {
     /// The cause; its probability is decided later.
@@ -316,7 +316,7 @@ pub struct CameraEvidence {
     pub noise: Noise,
     /// Whether the scene is of another place, or lies off the frame of the poses.
     pub is_scene_off: bool,
-    /// What cannot be told.
+    /// What cannot be reported.
     pub cannot_tell: Vec<String>,
 }
 
@@ -340,7 +340,7 @@ pub struct Evidence {
     /// What was found, round by round.
     pub rounds: Vec<Round>,
     /// What was measured in the end; `None` if nothing was accused.
-    pub corrected: Option<Corrected>,
+    pub corrected: Option<CorrectedRobot>,
     /// What a report shows beyond that; `None` in evidence of the format before.
     pub report: Option<ReportData>,
     /// What the camera shows, where images were compared.
@@ -393,13 +393,13 @@ impl Evidence {
     }
 
     /// What was accused, as it was found.
-    pub fn accused(&self) -> impl Iterator<Item = (&Accused, &Candidate)> {
+    pub fn accused(&self) -> impl Iterator<Item = (&IdentifiedCause, &Candidate)> {
         let all = self.corrected.iter().flat_map(|c| &c.accused);
         all.map(|a| (a, &self.rounds[a.round].candidates[a.candidate]))
     }
 }
 
 /// Whether rounds have what was accused in them.
-fn has(rounds: &[Round], accused: &Accused) -> bool {
+fn has(rounds: &[Round], accused: &IdentifiedCause) -> bool {
     rounds.get(accused.round).is_some_and(|round| accused.candidate < round.candidates.len())
 }

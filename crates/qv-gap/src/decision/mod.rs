@@ -18,4 +18,4 @@ pub use camera::{CameraDecision, NONE, both, decide_camera};
 pub use doubt::{Doubt, Objection};
 pub use judge::{Judge, Judgement};
 pub use policy::Policy;
-pub use verdict::{Decision, Parted, decide, is_much_left};
+pub use verdict::{Decision, Divergence, decide, is_much_left};

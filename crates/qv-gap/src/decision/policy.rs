@@ -92,7 +92,7 @@ pub struct Policy {
     pub actuator_left_untouched: f64,
     /// See `actuator_left_untouched`.
     pub touched: f64,
-    /// Log evidence of another effect of the accused joints from which on the accused one does not tell all of them,
+    /// Log evidence of another effect of the accused joints from which on the accused one does not show all of them,
     pub evidence_left: f64,
     /// and as a share of that of the accused one: no large effect is simulated to the last digit.
     pub evidence_share: f64,
@@ -135,14 +135,14 @@ pub struct Policy {
     /// See `large_gap`.
     pub large_gap_closed: f64,
 
-    /// What is left of the excess up to which causes are told though something is left: what engines differ in grows with the effect.
+    /// What is left of the excess up to which causes are reported though something is left: what engines differ in grows with the effect.
     pub nearly_all: f64,
     /// Level up to which they are.
     pub unexplained_beside: f64,
-    /// Share of the held-out gap from which on causes are told up to that level, too: robots that stumble leave as much without an
-    /// effect. Of a robot that is held they are told up to `quiet_enough` then, and a value at the edge of its range is a cause all the same.
+    /// Share of the held-out gap from which on causes are reported up to that level, too: robots that stumble leave as much without an
+    /// effect. Of a robot that is held they are reported up to `quiet_enough` then, and a value at the edge of its range is a cause all the same.
     pub mostly_closed: f64,
-    /// Level up to which a push that takes `least_closed` of the excess is told of an arm that nothing else explains, and a cause that closes
+    /// Level up to which a push that takes `least_closed` of the excess is reported for an arm that nothing else explains, and a cause that closes
     /// `mostly_closed`,
     pub quiet_enough: f64,
     /// or share of the excess that pushes take at least: most of what is wrong is theirs then. Pushes of an arm without a gap need it, too.

@@ -63,9 +63,15 @@ fn round(candidates: Vec<Candidate>, accused: &[usize]) -> Round {
 /// A robot with a latency, which is accused, and nothing left.
 fn latency() -> Evidence {
     let rounds = vec![round(vec![candidate("command_latency", 900.0), candidate("actuator_lag", 700.0)], &[0])];
-    let accused =
-        Accused { round: 0, candidate: 0, values: vec![0.01], parameters: vec![], fading: None, depends_on: vec![] };
-    let closed = Closed {
+    let accused = IdentifiedCause {
+        round: 0,
+        candidate: 0,
+        values: vec![0.01],
+        parameters: vec![],
+        fading: None,
+        depends_on: vec![],
+    };
+    let closed = Closure {
         loss: [9.0, 1.1],
         floor: 0.8,
         share: 0.96,
@@ -74,7 +80,7 @@ fn latency() -> Evidence {
         actuator_residual: [4.0, 1.1],
         log_evidence: 300.0,
     };
-    let corrected = Corrected {
+    let corrected = CorrectedRobot {
         accused: vec![accused],
         actuator_residuals: vec![ActuatorResidual { joint: 0, ratio: 1.1, by_chance: 1.2 }],
         same_joints: vec![],
@@ -140,10 +146,10 @@ fn another_policy_is_followed_as_far_as_was_measured() {
     let mut evidence = latency();
     evidence.rounds[0].candidates[0].size = 4.0;
     let large = Policy { least_size: 5.0, ..Policy::default() };
-    assert_eq!(decide(&evidence, &large), Err(Parted(0)));
+    assert_eq!(decide(&evidence, &large), Err(Divergence(0)));
     // It would look for one more.
     let thorough = Policy { no_gap: 1.05, ..Policy::default() };
-    assert_eq!(decide(&latency(), &thorough), Err(Parted(1)));
+    assert_eq!(decide(&latency(), &thorough), Err(Divergence(1)));
 }
 
 #[test]
@@ -180,18 +186,19 @@ fn events_at_other_times_stand_beside_an_event() {
 fn a_law_that_leaves_more_than_noise_and_a_share_of_what_it_left_is_told() {
     let left = |joint, ratio, by_chance| ActuatorResidual { joint, ratio, by_chance };
     let policy = Policy::default();
-    let told = |now: &[ActuatorResidual], opening: &[ActuatorResidual]| actuator_left(&policy, now, opening).cloned();
+    let remarks =
+        |now: &[ActuatorResidual], opening: &[ActuatorResidual]| actuator_left(&policy, now, opening).cloned();
     let opening = [left(0, 1.0, 1.1), left(1, 60.0, 1.2), left(2, 3.0, 1.1)];
     let nothing = [left(0, 1.6, 1.1), left(1, 2.9, 1.2), left(2, 2.4, 1.9)];
-    assert_eq!(told(&nothing, &opening), None);
+    assert_eq!(remarks(&nothing, &opening), None);
     let two = [left(0, 2.2, 1.1), left(1, 9.0, 1.2), left(2, 1.1, 1.1)];
-    assert_eq!(told(&two, &opening), Some(left(1, 9.0, 1.2)));
-    assert_eq!(told(&opening[2..], &[]), Some(opening[2].clone()));
+    assert_eq!(remarks(&two, &opening), Some(left(1, 9.0, 1.2)));
+    assert_eq!(remarks(&opening[2..], &[]), Some(opening[2].clone()));
     // What nothing accused has a part in: impacts leave as much.
     let impacts = [left(0, 2.4, 1.1), left(1, 4.0, 1.2)];
-    assert_eq!(told(&impacts[..1], &impacts), None);
-    assert_eq!(told(&impacts, &impacts), Some(impacts[1].clone()));
-    assert_eq!(told(&[left(1, 2.4, 1.2)], &impacts), Some(left(1, 2.4, 1.2)));
+    assert_eq!(remarks(&impacts[..1], &impacts), None);
+    assert_eq!(remarks(&impacts, &impacts), Some(impacts[1].clone()));
+    assert_eq!(remarks(&[left(1, 2.4, 1.2)], &impacts), Some(left(1, 2.4, 1.2)));
 }
 
 #[test]
@@ -200,11 +207,11 @@ fn a_large_gap_that_is_left_held_out_is_told() {
         let mut evidence = latency();
         let share = (before - after) / (before - 0.8);
         let corrected = evidence.corrected.as_mut().unwrap();
-        corrected.closed = Closed { loss: [before, after], share, actuator_residual: law, ..corrected.closed };
+        corrected.closed = Closure { loss: [before, after], share, actuator_residual: law, ..corrected.closed };
         checks(&evidence, &Policy::default()).closes_too_little()
     };
-    let told = doubt(9.0, 6.8, [1.0; 2]).unwrap().to_string();
-    assert!(told.states("27 27") && told.states("times 8"), "{told}");
+    let remarks = doubt(9.0, 6.8, [1.0; 2]).unwrap().to_string();
+    assert!(remarks.states("27 27") && remarks.states("times 8"), "{remarks}");
     assert_eq!(doubt(9.0, 6.8, [4.0, 1.1]), None, "no contact has a part in the law of an actuator");
     assert_eq!(doubt(2.0, 1.9, [1.0; 2]), None, "a small gap");
     assert_eq!(doubt(40.0, 6.8, [1.0; 2]), None, "most of a large one is closed");
@@ -218,7 +225,7 @@ fn a_cable_is_no_row_of_pushes() {
             times.iter().map(|&t| Candidate { extent: Some(Extent::Time(t)), ..candidate("external_push", 900.0) });
         evidence.rounds[0].candidates = events.collect();
         let one = evidence.corrected.as_ref().unwrap().accused[0].clone();
-        let all = (0..times.len()).map(|candidate| Accused { candidate, ..one.clone() });
+        let all = (0..times.len()).map(|candidate| IdentifiedCause { candidate, ..one.clone() });
         evidence.corrected.as_mut().unwrap().accused = all.collect();
         checks(&evidence, &Policy::default()).doubt()
     };
@@ -230,21 +237,21 @@ fn a_cable_is_no_row_of_pushes() {
 #[test]
 fn factors_that_are_equal_or_inverse_are_one_cause() {
     let of = |effect: &str, members: &[usize]| Candidate { members: members.to_vec(), ..candidate(effect, 900.0) };
-    let told = |a: (Candidate, f64), b: (Candidate, f64)| {
+    let remarks = |a: (Candidate, f64), b: (Candidate, f64)| {
         twins(Policy::default().alike, |effect| facts(effect).is_factor, &[(&a.0, a.1), (&b.0, b.1)])
     };
     let legs = [0, 3, 6];
-    let weak = told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[6, 3, 0]), -0.23));
+    let weak = remarks((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[6, 3, 0]), -0.23));
     assert!(weak.unwrap().to_string().states("joints"));
-    let inverse = told((of("motor_gain_kd", &legs), 0.31), (of("motor_strength", &legs), -0.183));
+    let inverse = remarks((of("motor_gain_kd", &legs), 0.31), (of("motor_strength", &legs), -0.183));
     assert!(inverse.unwrap().to_string().states("other"));
     // Two sizes, other joints, a friction of the same number.
-    assert_eq!(told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &legs), -0.1)), None);
-    assert_eq!(told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[0]), -0.26)), None);
-    assert_eq!(told((of("motor_gain_kp", &legs), 0.2), (of("joint_coulomb_friction", &legs), 0.2)), None);
+    assert_eq!(remarks((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &legs), -0.1)), None);
+    assert_eq!(remarks((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[0]), -0.26)), None);
+    assert_eq!(remarks((of("motor_gain_kp", &legs), 0.2), (of("joint_coulomb_friction", &legs), 0.2)), None);
     // What acts for a while is no factor.
     let hot = Candidate { extent: Some(Extent::Time([2.0, 5.0])), ..of("motor_strength", &[0]) };
-    assert_eq!(told((hot, -0.2), (of("motor_gain_kp", &[0]), -0.2)), None);
+    assert_eq!(remarks((hot, -0.2), (of("motor_gain_kp", &[0]), -0.2)), None);
 }
 
 #[test]
@@ -259,7 +266,7 @@ fn nothing_steady_is_accused_of_an_arm_that_is_nearer_than_the_null() {
     };
     assert_eq!(arm(9.0, None), Verdict::Explained);
     assert_eq!(arm(0.71, None), Verdict::NoGap);
-    // A push may be short: it is told all the same.
+    // A push may be short: it is reported all the same.
     assert_ne!(arm(3.0, Some(Extent::Time([1.0, 1.4]))), Verdict::NoGap);
 }
 

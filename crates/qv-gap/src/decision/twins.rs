@@ -1,4 +1,4 @@
-//! Whether two factors of the same joints are one cause told as two.
+//! Whether two factors of the same joints are one cause reported as two.
 //!
 //! The law of an actuator (`law`) multiplies its gains, its strength and what its torque sensor reads. If the factor at fault is
 //! one that the library lacks, two others together are as good as it: a weak motor is a weak kp and, beside that, an equally weak

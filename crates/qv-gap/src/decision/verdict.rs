@@ -3,10 +3,10 @@
 use super::camera::{CameraDecision, decide_camera};
 use super::checks::{Checks, actuator_left};
 use super::doubt::Doubt;
-use super::evidence::{Candidate, Corrected, Evidence, Level, Round};
+use super::evidence::{Candidate, CorrectedRobot, Evidence, Level, Round};
 use super::judge::{Judge, Judgement};
 use super::policy::Policy;
-use crate::findings::{Ranked, UNKNOWN, Verdict};
+use crate::findings::{RankedEffect, UNKNOWN, Verdict};
 use std::collections::BTreeMap;
 
 /// What a diagnosis comes to.
@@ -17,7 +17,7 @@ pub struct Decision {
     /// Why what was accused does not explain the recording all the same.
     pub doubt: Option<Doubt>,
     /// Effects and `unknown` by probability.
-    pub ranking: Vec<Ranked>,
+    pub ranking: Vec<RankedEffect>,
     /// What each round came to, as far as this policy goes.
     pub rounds: Vec<Judgement>,
     /// What comes of the camera, where images were compared.
@@ -27,7 +27,7 @@ pub struct Decision {
 }
 
 impl Decision {
-    /// Whether what was accused is told as the cause.
+    /// Whether what was accused is reported as the cause.
     pub fn accuses(&self) -> bool {
         matches!(self.verdict, Verdict::Explained | Verdict::PartlyExplained)
     }
@@ -35,13 +35,13 @@ impl Decision {
 
 /// In this round a policy would have accused something else than what was measured: what follows is not known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Parted(pub usize);
+pub struct Divergence(pub usize);
 
 /// Decides. Nothing is simulated, and the same evidence and policy give the same decision.
 ///
 /// # Errors
 /// The policy would have led to other simulations than that under which the evidence was measured.
-pub fn decide(evidence: &Evidence, policy: &Policy) -> Result<Decision, Parted> {
+pub fn decide(evidence: &Evidence, policy: &Policy) -> Result<Decision, Divergence> {
     match path(evidence, policy) {
         Some(0) if judge(evidence, policy, 0).accused.is_empty() => {
             // Whatever was measured of a robot that this policy would not have corrected says nothing.
@@ -49,7 +49,7 @@ pub fn decide(evidence: &Evidence, policy: &Policy) -> Result<Decision, Parted> 
             let alone = Evidence { rounds: first.into_iter().collect(), corrected: None, ..evidence.clone() };
             Ok(decision(&alone, policy))
         }
-        Some(round) => Err(Parted(round)),
+        Some(round) => Err(Divergence(round)),
         None => Ok(decision(evidence, policy)),
     }
 }
@@ -112,7 +112,7 @@ impl Case<'_> {
         self.evidence.accused().map(|(_, candidate)| candidate)
     }
 
-    fn doubt(&self, corrected: &Corrected) -> Option<Doubt> {
+    fn doubt(&self, corrected: &CorrectedRobot) -> Option<Doubt> {
         if !self.evidence.is_free {
             return None;
         }
@@ -178,7 +178,7 @@ impl Case<'_> {
     }
 
     /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess. What
-    /// pushed an arm at one time is told whatever the arm lacks at all others.
+    /// pushed an arm at one time is reported whatever the arm lacks at all others.
     fn partly(&self) -> Verdict {
         let policy = self.policy;
         let now = self.level().ratio;
@@ -201,7 +201,7 @@ impl Case<'_> {
         }
     }
 
-    /// Level up to which causes are told beside something unknown. No stumble leaves a level of its own in a robot that is held, but what its
+    /// Level up to which causes are reported beside something unknown. No stumble leaves a level of its own in a robot that is held, but what its
     /// joints lack does.
     fn most_beside(&self) -> f64 {
         if self.evidence.is_free { self.policy.unexplained_beside } else { self.policy.quiet_enough }
@@ -218,7 +218,7 @@ impl Case<'_> {
     }
 
     /// Probabilities of the effects and of `unknown`.
-    fn ranking(&self, verdict: Verdict, is_doubted: bool) -> Vec<Ranked> {
+    fn ranking(&self, verdict: Verdict, is_doubted: bool) -> Vec<RankedEffect> {
         let policy = self.policy;
         let best = self.rivals(verdict);
         let most = best.values().copied().fold(0.0, f64::max);
@@ -238,7 +238,7 @@ impl Case<'_> {
         let unknown = if verdict == Verdict::PartlyExplained { unknown.min(policy.unknown_beside) } else { unknown };
         let known = if verdict == Verdict::NoGap { policy.known_in_no_gap } else { 1.0 - unknown };
         let accused: Vec<&str> = self.accused().map(|c| c.effect.as_str()).collect();
-        let mut ranking: Vec<Ranked> = best
+        let mut ranking: Vec<RankedEffect> = best
             .iter()
             .map(|(effect, evidence)| {
                 let share = known * weight(*evidence) / total;
@@ -249,18 +249,18 @@ impl Case<'_> {
                     false if !accused.is_empty() => share.min(policy.beside_share * known),
                     false => share,
                 };
-                Ranked { effect: effect.to_string(), probability }
+                RankedEffect { effect: effect.to_string(), probability }
             })
             .collect();
         // What is accused takes most: the others share the rest.
-        let is_accused = |r: &Ranked| accused.contains(&r.effect.as_str());
+        let is_accused = |r: &RankedEffect| accused.contains(&r.effect.as_str());
         let largest = ranking.iter().filter(|r| is_accused(r)).map(|r| r.probability).fold(0.0, f64::max);
         let others: f64 = ranking.iter().filter(|r| !is_accused(r)).map(|r| r.probability).sum();
         let rest = ((known - largest).max(0.0) / others.max(1e-300)).min(1.0);
         ranking.iter_mut().filter(|r| !is_accused(r)).for_each(|r| r.probability *= rest);
-        ranking.push(Ranked { effect: UNKNOWN.into(), probability: unknown });
-        // Thousands of nats below the best all probabilities are 0, and evidence still tells.
-        let evidence = |r: &Ranked| best.get(r.effect.as_str()).copied().unwrap_or(f64::NEG_INFINITY);
+        ranking.push(RankedEffect { effect: UNKNOWN.into(), probability: unknown });
+        // Thousands of nats below the best all probabilities are 0, and evidence still shows.
+        let evidence = |r: &RankedEffect| best.get(r.effect.as_str()).copied().unwrap_or(f64::NEG_INFINITY);
         ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(evidence(b).total_cmp(&evidence(a))));
         ranking
     }

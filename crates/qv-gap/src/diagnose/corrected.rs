@@ -1,11 +1,11 @@
 //! What is measured of the robot with all that is accused, and all of the evidence.
 
-use super::{Accused, Findings, Session, progress, setting};
+use super::{Findings, ReportedCause, Session, progress, setting};
 use crate::GapError;
 use crate::checks::held_out::{closure, held_out_evidence};
 use crate::checks::stationarity;
 use crate::decision::decide;
-use crate::decision::evidence::{self, ActsOn, Asked, Closed, Corrected, EffectFacts, Evidence};
+use crate::decision::evidence::{self, ActsOn, Closure, CorrectedRobot, EffectFacts, Evidence, LinearCandidate};
 use crate::findings::Verdict;
 use crate::inference::level::mean;
 use crate::inference::linear_scores::size;
@@ -49,7 +49,7 @@ impl Findings<'_> {
         Ok(evidence)
     }
 
-    fn corrected(&mut self, nominal: &mut LinearisedProblem) -> Result<Option<Corrected>, GapError> {
+    fn corrected(&mut self, nominal: &mut LinearisedProblem) -> Result<Option<CorrectedRobot>, GapError> {
         if self.later.is_none() {
             return Ok(None);
         }
@@ -59,11 +59,11 @@ impl Findings<'_> {
         let accused = self.accused.iter().map(|a| accused(nominal, study, a)).collect();
         let actuator_residuals = crate::checks::actuator_residual::actuator_residuals(study);
         let (same_joints, beside) = asked(study, &self.accused, level.max(1.0))?;
-        Ok(Some(Corrected { accused, actuator_residuals, same_joints, beside, closed }))
+        Ok(Some(CorrectedRobot { accused, actuator_residuals, same_joints, beside, closed }))
     }
 
     /// How far the gap shrinks in windows that no fit has seen.
-    fn closed(&self, nominal: &mut LinearisedProblem) -> Result<Closed, GapError> {
+    fn closed(&self, nominal: &mut LinearisedProblem) -> Result<Closure, GapError> {
         let setting = setting(nominal, &self.corrections);
         let alone = closure(nominal, &setting)?;
         let log_evidence = held_out_evidence(nominal, &setting)?;
@@ -71,7 +71,7 @@ impl Findings<'_> {
         let with_events = if self.events.is_empty() { alone.closed() } else { closure(nominal, &setting)?.closed() };
         nominal.rollout.events = before;
         let (fall, error) = alone.fall(false);
-        Ok(Closed {
+        Ok(Closure {
             loss: [mean(&alone.before), mean(&alone.after)],
             floor: alone.floor,
             share: alone.closed(),
@@ -103,8 +103,12 @@ fn facts(effect: &Effect, is_known: bool) -> EffectFacts {
     }
 }
 
-fn accused(nominal: &LinearisedProblem, study: &LinearisedProblem, accused: &Accused) -> evidence::Accused {
-    let Accused { found: [round, candidate], fit, group, cause, .. } = accused;
+fn accused(
+    nominal: &LinearisedProblem,
+    study: &LinearisedProblem,
+    accused: &ReportedCause,
+) -> evidence::IdentifiedCause {
+    let ReportedCause { found: [round, candidate], fit, group, cause, .. } = accused;
     let values = fit.suspect.values.clone();
     let is_of_joints = study.columns.effects.iter().any(|e| e.name == cause.effect && e.scope == Scope::Joints);
     let is_steady = fit.suspect.extent.is_none();
@@ -115,21 +119,22 @@ fn accused(nominal: &LinearisedProblem, study: &LinearisedProblem, accused: &Acc
         false => Vec::new(),
     };
     let parameters = cause.parameters.clone();
-    evidence::Accused { round: *round, candidate: *candidate, values, parameters, fading, depends_on }
+    evidence::IdentifiedCause { round: *round, candidate: *candidate, values, parameters, fading, depends_on }
 }
 
 /// Effects that are not accused and that the corrected robot asks for by one linear step, over its `level`: those of the accused joints, and the
 /// most of every one.
 fn asked(
     study: &mut LinearisedProblem,
-    accused: &[Accused],
+    accused: &[ReportedCause],
     level: f64,
-) -> Result<(Vec<Asked>, BTreeMap<String, f64>), GapError> {
+) -> Result<(Vec<LinearCandidate>, BTreeMap<String, f64>), GapError> {
     let mut search = Search::new(study, 1.0)?;
     let base = search.base(&[])?;
     let linear = search.linear(&base.sums);
     let columns = &study.columns;
-    let of_joints = |a: &&Accused| columns.effects.iter().any(|e| e.name == a.cause.effect && e.scope == Scope::Joints);
+    let of_joints =
+        |a: &&ReportedCause| columns.effects.iter().any(|e| e.name == a.cause.effect && e.scope == Scope::Joints);
     let (mut same_joints, mut beside) = (Vec::new(), BTreeMap::new());
     for (evidence, suspect) in linear {
         let group = &columns.groups[suspect.group];
@@ -140,10 +145,10 @@ fn asked(
         let log_evidence = evidence / level;
         let most = beside.entry(effect.name.clone()).or_insert(f64::NEG_INFINITY);
         *most = log_evidence.max(*most);
-        let shares = |a: &Accused| a.group.members.iter().any(|m| group.members.contains(m));
+        let shares = |a: &ReportedCause| a.group.members.iter().any(|m| group.members.contains(m));
         if effect.scope == Scope::Joints && accused.iter().filter(of_joints).any(shares) {
             let (members, size) = (group.members.clone(), size(study, &suspect));
-            same_joints.push(Asked { effect: effect.name.clone(), members, log_evidence, size });
+            same_joints.push(LinearCandidate { effect: effect.name.clone(), members, log_evidence, size });
         }
     }
     same_joints.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));

@@ -42,8 +42,8 @@ fn one(
 ) -> Result<(Evidence, report::Report), GapError> {
     let now = || options.clock.map_or(0.0, |clock| clock());
     let begun = now();
-    if let Some(tell) = options.progress {
-        tell(&progress::Plan::new(false, 0).begin(progress::SEARCH));
+    if let Some(notify) = options.progress {
+        notify(&progress::Plan::new(false, 0).begin(progress::SEARCH));
     }
     let request = qv_held::Request {
         runs: &prepared.usable,

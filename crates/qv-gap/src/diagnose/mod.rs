@@ -8,11 +8,11 @@ mod refine;
 mod report_data;
 mod rounds;
 
-use options::Prepared;
+use options::PreparedRuns;
 pub use options::{Diagnosis, Options};
 use progress::Plan;
 pub use progress::Progress;
-use rounds::Found;
+use rounds::RoundResult;
 
 use crate::GapError;
 use crate::checks::actuator_residual::{ActuatorResidual, actuator_residuals};
@@ -42,7 +42,7 @@ use qv_recording::stale::without_stale;
 use qv_sim::{Model, Terrain};
 
 /// A cause with all that the report says of it.
-struct Accused {
+struct ReportedCause {
     /// Round that it was accused in, and which of its candidates it is.
     found: [usize; 2],
     fit: Fit,
@@ -54,7 +54,7 @@ struct Accused {
     is_refined: bool,
 }
 
-impl Accused {
+impl ReportedCause {
     /// When it acts, if for a while only \[s\].
     fn time(&self) -> Option<[f64; 2]> {
         match self.fit.suspect.extent {
@@ -64,7 +64,7 @@ impl Accused {
     }
 
     /// What each recording asks of it; `later` is the robot with all that is accused.
-    fn tell_by_recording(&mut self, later: Option<&LinearisedProblem>) {
+    fn note_by_recording(&mut self, later: Option<&LinearisedProblem>) {
         let (Some(study), None) = (later, self.time()) else { return };
         let value = self.cause.parameters.first().map_or(0.0, |p| p.value);
         self.cause.by_recording = by_recording(study, &self.cause.effect, &self.group, (value, true));
@@ -95,7 +95,7 @@ pub fn diagnose(
         return held::diagnose(&prepared, model, options, leave_out);
     }
     let joint_rows = held::joint_rows(&prepared.usable, model, options);
-    let Prepared { usable, reference, mut cannot_tell, fallen } = prepared;
+    let PreparedRuns { usable, reference, mut cannot_tell, fallen } = prepared;
     let mut session = Session::new(usable, &reference, (model, terrain), options, leave_out);
     let begun = session.now();
     let mut nominal = session.nominal(&cannot_tell)?;
@@ -140,30 +140,30 @@ pub(crate) fn study<T>(
     options: &Options,
     look: impl FnOnce(&LinearisedProblem) -> Result<T, GapError>,
 ) -> Result<T, GapError> {
-    let Prepared { usable, reference, cannot_tell, .. } = prepared(runs, terrain, options)?;
+    let PreparedRuns { usable, reference, cannot_tell, .. } = prepared(runs, terrain, options)?;
     let mut session = Session::new(usable, &reference, (model, terrain), options, 0);
     look(&session.nominal(&cannot_tell)?)
 }
 
-fn prepared(runs: &[Run], terrain: &Terrain, options: &Options) -> Result<Prepared, GapError> {
+fn prepared(runs: &[Run], terrain: &Terrain, options: &Options) -> Result<PreparedRuns, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
     one_robot::check(first, runs.iter().chain(&options.reference))?;
-    let (mended, told): (Vec<Run>, Vec<Vec<String>>) = runs.iter().map(mended).unzip();
+    let (mended, remarks): (Vec<Run>, Vec<Vec<String>>) = runs.iter().map(mended).unzip();
     let mut reference: Vec<Run> = options.reference.iter().map(|run| self::mended(run).0).collect();
     let mut cannot_tell = data_quality::faults(runs, &mended);
-    cannot_tell.extend(told.into_iter().flatten());
+    cannot_tell.extend(remarks.into_iter().flatten());
     let (mut usable, fallen) = data_quality::upright(&mended);
     let moved = origin::brought_near(&mut usable, &mut reference, terrain, &options.given);
     cannot_tell.extend(fallen.iter().chain(&moved).cloned());
-    Ok(Prepared { usable, reference, cannot_tell, fallen })
+    Ok(PreparedRuns { usable, reference, cannot_tell, fallen })
 }
 
 /// A recording without what is broken in it, and in words what was done.
 fn mended(run: &Run) -> (Run, Vec<String>) {
-    let (run, mut told) = without_stale(read_in_ours(without_frozen(run)));
+    let (run, mut remarks) = without_stale(read_in_ours(without_frozen(run)));
     let (run, gaps) = without_gaps(run);
-    told.extend(gaps);
-    (run, told)
+    remarks.extend(gaps);
+    (run, remarks)
 }
 
 /// Effects of a study by name.
@@ -330,7 +330,7 @@ impl<'a> Session<'a> {
     fn follow(
         &mut self,
         nominal: &mut LinearisedProblem<'a>,
-        first: Found,
+        first: RoundResult,
         without: &[String],
         opening: &Opening,
         cannot_tell: &[String],
@@ -415,11 +415,11 @@ impl<'a> Session<'a> {
         found: [usize; 2],
         fit: Fit,
         before: &[Correction],
-    ) -> Result<Accused, GapError> {
+    ) -> Result<ReportedCause, GapError> {
         let group = study.columns.groups[fit.suspect.group].clone();
         let effect = study.columns.effects[group.effect].clone();
-        let told = attribution::as_told(study, &fit.suspect);
-        let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&told));
+        let remarks = attribution::as_stated(study, &fit.suspect);
+        let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&remarks));
         let alone = closure(study, &setting)?;
         let corrections = setting
             .iter()
@@ -433,17 +433,17 @@ impl<'a> Session<'a> {
         let cause = Cause {
             effect: effect.name.clone(),
             probability: 0.0,
-            scope: match told.extent {
+            scope: match remarks.extent {
                 Some(Extent::Region(_)) => vec!["region".into()],
                 _ => group.names.clone(),
             },
-            parameters: estimates(&effect, &fit, told.extent),
+            parameters: estimates(&effect, &fit, remarks.extent),
             closed_alone: fit.held_out.map_or_else(|| alone.closed(), |f| f.closed),
             confusable_with: cannot_tell::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
             by_recording: Vec::new(),
         };
-        Ok(Accused { found, fit, group, cause, corrections, is_refined: false })
+        Ok(ReportedCause { found, fit, group, cause, corrections, is_refined: false })
     }
 }
 
@@ -476,8 +476,8 @@ fn setting(study: &LinearisedProblem, corrections: &[Correction]) -> Overrides {
 
 /// All that was found.
 struct Findings<'a> {
-    accused: Vec<Accused>,
-    rounds: Vec<Found>,
+    accused: Vec<ReportedCause>,
+    rounds: Vec<RoundResult>,
     corrections: Vec<Correction>,
     events: Vec<Event>,
     /// Whether the base is free.
@@ -500,13 +500,13 @@ impl Findings<'_> {
 
     /// Effects of which there is no more: all that are accused, but for what acts on an arm for a while.
     fn settled(&self) -> Vec<String> {
-        let settled = |a: &&Accused| self.on_feet || a.time().is_none();
+        let settled = |a: &&ReportedCause| self.on_feet || a.time().is_none();
         self.accused.iter().filter(settled).map(|a| a.cause.effect.clone()).collect()
     }
 
     /// Regions that are accused.
     fn regions(&self) -> Vec<[f64; 4]> {
-        let region = |a: &Accused| match a.fit.suspect.extent {
+        let region = |a: &ReportedCause| match a.fit.suspect.extent {
             Some(Extent::Region(r)) => Some(r),
             _ => None,
         };

@@ -27,7 +27,7 @@ pub struct Options<'a> {
     pub without: Vec<String>,
     /// Seconds since some instant, for the report; libraries read no clock.
     pub clock: Option<&'a (dyn Fn() -> f64 + Sync)>,
-    /// Told of each stage as it begins.
+    /// Reported of each stage as it begins.
     pub progress: Option<&'a (dyn Fn(&Progress) + Sync)>,
 }
 

@@ -1,7 +1,7 @@
 //! Sizes once more, in the corrected robot. A size is found with the sensitivities of the robot without the effect: what is tolerated there
 //! imitates a part of a large effect at little cost, and the size stops short of it. Those of the corrected robot ask for the rest.
 
-use super::{Accused, Findings, estimates, merge};
+use super::{Findings, ReportedCause, estimates, merge};
 use crate::GapError;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Fit, Search};
@@ -12,7 +12,7 @@ const LEAST_GAIN: f64 = 8.0;
 
 impl Findings<'_> {
     /// Moves the accused size that the corrected robot of `study` asks most to be moved, of those that were not yet: two that imitate each
-    /// other would go on along what neither is told by. Returns whether there is one.
+    /// other would go on along what neither is given by. Returns whether there is one.
     pub(super) fn refine(&mut self, study: &mut LinearisedProblem) -> Result<bool, GapError> {
         let steady = self.accused.iter().enumerate().filter(|(_, a)| a.fit.suspect.extent.is_none() && !a.is_refined);
         let groups: Vec<(usize, usize)> = steady.filter_map(|(k, a)| Some((k, a.group_in(study)?))).collect();
@@ -34,7 +34,7 @@ impl Findings<'_> {
     }
 }
 
-impl Accused {
+impl ReportedCause {
     /// The same group in another study.
     fn group_in(&self, study: &LinearisedProblem) -> Option<usize> {
         let columns = &study.columns;

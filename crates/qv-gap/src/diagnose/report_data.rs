@@ -1,6 +1,6 @@
 //! What a report shows beyond what decides, of both outcomes: that nothing is accused, and that all is which was found.
 
-use super::{Accused, Findings, Session, merge, merged, setting};
+use super::{Findings, ReportedCause, Session, merge, merged, setting};
 use crate::GapError;
 use crate::checks::held_out::{closed_in_fit, closure};
 use crate::decision::evidence::{CauseData, Comparison, ReportData};
@@ -80,7 +80,7 @@ impl Findings<'_> {
 
     fn causes(&mut self, nominal: &LinearisedProblem) -> Vec<CauseData> {
         let later = self.later.as_ref();
-        self.accused.iter_mut().for_each(|a| a.tell_by_recording(later));
+        self.accused.iter_mut().for_each(|a| a.note_by_recording(later));
         self.accused.iter().map(|a| a.data(nominal)).collect()
     }
 
@@ -94,7 +94,7 @@ impl Findings<'_> {
     }
 }
 
-impl Accused {
+impl ReportedCause {
     fn data(&self, nominal: &LinearisedProblem) -> CauseData {
         let region = match self.fit.suspect.extent {
             Some(Extent::Region(region)) if self.cause.scope == ["region"] => Some(region),

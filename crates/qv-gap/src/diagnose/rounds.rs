@@ -17,7 +17,7 @@ use crate::problem::columns::Extent;
 const LOOKED_AT: usize = 8;
 /// What a round found.
 #[derive(Clone)]
-pub struct Found {
+pub struct RoundResult {
     /// What was measured, and what is accused.
     pub round: Round,
     /// The fits that the candidates come from, in their order.
@@ -33,7 +33,7 @@ pub fn round(
     without: &[usize],
     is_first: bool,
     policy: &Policy,
-) -> Result<Found, GapError> {
+) -> Result<RoundResult, GapError> {
     let level = level(study)?;
     let mut search = Search::new(study, 1.0)?;
     let by_chance = by_chance(&search);
@@ -60,7 +60,7 @@ pub fn round(
     let mut round = Round { level, excess, is_first, candidates, accused: Vec::new(), after: None };
     look(study, &fits, &mut round.candidates, policy)?;
     round.accused = Judge::new(policy, &round, study.rollout.free).judge().accused;
-    Ok(Found { round, fits })
+    Ok(RoundResult { round, fits })
 }
 
 fn candidate(study: &LinearisedProblem, fit: &Fit, by_chance: f64, share: f64) -> Candidate {

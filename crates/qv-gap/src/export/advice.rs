@@ -1,6 +1,6 @@
 //! What a robot's file cannot say, in words: which quantity, how much of it, and what to do with it elsewhere.
 
-use super::corrected::{Corrected, Entry, Part, short};
+use super::corrected::{CorrectionTarget, Entry, ModelCorrections, short};
 
 /// What to do with a parameter, by the last word of its name, or its full name where it belongs to the world.
 const DEEDS: [(&str, &str); 72] = [
@@ -117,7 +117,7 @@ const DEEDS: [(&str, &str); 72] = [
 /// What is said in one line: the parts of a rectangle or of a push mean nothing alone.
 fn kind<'a>(entry: &Entry<'a>) -> &'a str {
     let whole = ["terrain.patch", "external"].into_iter().find(|whole| entry.field.starts_with(whole));
-    whole.filter(|_| entry.part == Part::World).unwrap_or(entry.field)
+    whole.filter(|_| entry.part == CorrectionTarget::World).unwrap_or(entry.field)
 }
 
 fn deed(entry: &Entry) -> &'static str {
@@ -125,12 +125,12 @@ fn deed(entry: &Entry) -> &'static str {
         return "add it to what this axis of the IMU reports";
     }
     let of = |field: &str| DEEDS.iter().find(|(name, _)| *name == field).map(|(_, deed)| *deed);
-    let known = if entry.part == Part::Nothing { None } else { of(kind(entry)) };
+    let known = if entry.part == CorrectionTarget::Nothing { None } else { of(kind(entry)) };
     known.unwrap_or(DEEDS[DEEDS.len() - 1].1)
 }
 
 /// One line for each kind of correction that `said` does not claim: the quantity, its values, and what to do with it.
-pub(super) fn advice(corrected: &Corrected, said: impl Fn(&Entry) -> bool) -> Vec<String> {
+pub(super) fn advice(corrected: &ModelCorrections, said: impl Fn(&Entry) -> bool) -> Vec<String> {
     let left: Vec<&Entry> = corrected.entries.iter().filter(|e| !said(e)).collect();
     let mut kinds: Vec<&str> = Vec::new();
     for entry in &left {
@@ -146,7 +146,7 @@ pub(super) fn advice(corrected: &Corrected, said: impl Fn(&Entry) -> bool) -> Ve
 }
 
 /// `a, b 0.3 N m; c 0.2 N m`, joints and links of one value together; the bare value where it belongs to no part.
-fn values(corrected: &Corrected, alike: &[&Entry]) -> String {
+fn values(corrected: &ModelCorrections, alike: &[&Entry]) -> String {
     let mut groups: Vec<(String, Vec<&str>)> = Vec::new();
     for entry in alike {
         let value = with_unit(short(entry.correction.value), &entry.correction.unit);
@@ -165,14 +165,14 @@ fn values(corrected: &Corrected, alike: &[&Entry]) -> String {
     groups.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
-fn name<'a>(corrected: &Corrected<'a>, entry: &Entry<'a>) -> &'a str {
+fn name<'a>(corrected: &ModelCorrections<'a>, entry: &Entry<'a>) -> &'a str {
     match entry.part {
-        Part::Joint(j) => &corrected.model.joints[j].name,
-        Part::Link(l) => &corrected.model.links[l].name,
-        Part::Geom(g) => &corrected.model.geoms[g].name,
-        Part::Material(name) => name,
-        Part::World => entry.field.strip_prefix(kind(entry)).unwrap_or_default().trim_start_matches('.'),
-        Part::Nothing => "",
+        CorrectionTarget::Joint(j) => &corrected.model.joints[j].name,
+        CorrectionTarget::Link(l) => &corrected.model.links[l].name,
+        CorrectionTarget::Geom(g) => &corrected.model.geoms[g].name,
+        CorrectionTarget::Material(name) => name,
+        CorrectionTarget::World => entry.field.strip_prefix(kind(entry)).unwrap_or_default().trim_start_matches('.'),
+        CorrectionTarget::Nothing => "",
     }
 }
 
@@ -204,10 +204,10 @@ mod tests {
             .iter()
             .map(|p| Correction { parameter: p.name.clone(), value: 1.0, nominal: 0.0, unit: p.unit.into() })
             .collect();
-        let corrected = Corrected::new(&model, &all);
+        let corrected = ModelCorrections::new(&model, &all);
         assert_eq!(corrected.entries.len(), all.len());
         for entry in &corrected.entries {
-            assert!(entry.part != Part::Nothing, "{}", entry.correction.parameter);
+            assert!(entry.part != CorrectionTarget::Nothing, "{}", entry.correction.parameter);
             assert!(!deed(entry).contains("does not have"), "{}", entry.correction.parameter);
         }
         for (name, _) in &DEEDS[..DEEDS.len() - 1] {
@@ -226,15 +226,15 @@ mod tests {
             unit: "s".into(),
         };
         let all = [c("FL_hip_joint", 0.01), c("FR_hip_joint", 0.02), c("RL_hip_joint", 0.01)];
-        let lines = advice(&Corrected::new(&model, &all), |_| false);
+        let lines = advice(&ModelCorrections::new(&model, &all), |_| false);
         assert_eq!(lines.len(), 1);
         assert!(
             lines[0].starts_with("lag: FL_hip_joint, RL_hip_joint 0.01 s; FR_hip_joint 0.02 s. Low-pass"),
             "{lines:?}"
         );
         let every: Vec<Correction> = model.joint_names().iter().map(|j| c(j, 0.01)).collect();
-        assert!(advice(&Corrected::new(&model, &every), |_| false)[0].starts_with("lag: all joints 0.01 s."));
-        assert!(advice(&Corrected::new(&model, &every), |e| e.field == "lag").is_empty());
+        assert!(advice(&ModelCorrections::new(&model, &every), |_| false)[0].starts_with("lag: all joints 0.01 s."));
+        assert!(advice(&ModelCorrections::new(&model, &every), |e| e.field == "lag").is_empty());
         let patch = |name: &str, value, unit: &str| Correction {
             parameter: format!("terrain.patch.{name}"),
             value,
@@ -243,14 +243,14 @@ mod tests {
         };
         let rectangle = [patch("x_min", 1.5, "m"), patch("x_max", 2.0, "m"), patch("friction", 0.2, "1")];
         assert_eq!(
-            advice(&Corrected::new(&model, &rectangle), |_| false),
+            advice(&ModelCorrections::new(&model, &rectangle), |_| false),
             [
                 "terrain.patch: x_min 1.5 m; x_max 2 m; friction 0.2. Give this rectangle of the floor a friction of its own."
             ]
         );
         let odd = [Correction { parameter: "joint.tail.lag".into(), value: 1.0, nominal: 0.0, unit: "1".into() }];
         assert_eq!(
-            advice(&Corrected::new(&model, &odd), |_| false),
+            advice(&ModelCorrections::new(&model, &odd), |_| false),
             ["joint.tail.lag: 1. A parameter that this model does not have; nothing was done with it."]
         );
     }

@@ -7,7 +7,7 @@ use qv_sim::{MassProperties, Model, Payload};
 
 /// What a correction acts on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Part<'a> {
+pub(super) enum CorrectionTarget<'a> {
     /// Index in the model.
     Joint(usize),
     /// Index in the model.
@@ -25,7 +25,7 @@ pub(super) enum Part<'a> {
 /// A correction and what it acts on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry<'a> {
-    pub part: Part<'a>,
+    pub part: CorrectionTarget<'a>,
     /// Last word of a parameter of a joint, link, shape or material, such as `lag`; else the full name.
     pub field: &'a str,
     pub correction: &'a Correction,
@@ -42,12 +42,12 @@ pub(super) struct Body {
 
 /// The corrections of one model. Of two corrections of one parameter, the later holds.
 #[derive(Debug, Clone)]
-pub(super) struct Corrected<'a> {
+pub(super) struct ModelCorrections<'a> {
     pub model: &'a Model,
     pub entries: Vec<Entry<'a>>,
 }
 
-impl<'a> Corrected<'a> {
+impl<'a> ModelCorrections<'a> {
     pub fn new(model: &'a Model, corrections: &'a [Correction]) -> Self {
         let mut entries: Vec<Entry> = Vec::new();
         for correction in corrections {
@@ -62,34 +62,34 @@ impl<'a> Corrected<'a> {
         Self { model, entries }
     }
 
-    fn value(&self, part: Part, field: &str) -> Option<f64> {
+    fn value(&self, part: CorrectionTarget, field: &str) -> Option<f64> {
         self.entries.iter().find(|e| e.part == part && e.field == field).map(|e| e.correction.value)
     }
 
     /// Corrected value of a joint's, its motor's or its sensor's parameter, by its last word.
     pub fn joint(&self, joint: usize, field: &str) -> Option<f64> {
-        self.value(Part::Joint(joint), field)
+        self.value(CorrectionTarget::Joint(joint), field)
     }
 
     /// Corrected value of a shape's parameter, by its last word.
     pub fn geom(&self, geom: usize, field: &str) -> Option<f64> {
-        self.value(Part::Geom(geom), field)
+        self.value(CorrectionTarget::Geom(geom), field)
     }
 
     /// Corrected value of a parameter of the world, by its full name.
     pub fn world(&self, name: &str) -> Option<f64> {
-        self.value(Part::World, name)
+        self.value(CorrectionTarget::World, name)
     }
 
-    /// Whether any correction changes the mass properties of a link. Another length moves shapes and joints as well: it is told as a whole, in words.
+    /// Whether any correction changes the mass properties of a link. Another length moves shapes and joints as well: it is reported as a whole, in words.
     pub fn changes_link(&self, link: usize) -> bool {
-        self.entries.iter().any(|e| e.part == Part::Link(link) && e.field != "length_scale")
+        self.entries.iter().any(|e| e.part == CorrectionTarget::Link(link) && e.field != "length_scale")
     }
 
     /// The link with its corrections: scaled and shifted, then welded to its payload, as the simulator does it. `None` when
     /// no mass would be left.
     pub fn body(&self, link: usize) -> Option<Body> {
-        let get = |field: &str, neutral: f64| self.value(Part::Link(link), field).unwrap_or(neutral);
+        let get = |field: &str, neutral: f64| self.value(CorrectionTarget::Link(link), field).unwrap_or(neutral);
         let vector = |names: [&str; 3]| DVec3::from_array(names.map(|name| get(name, 0.0)));
         let nominal = &self.model.links[link];
         let scale = get("mass_scale", 1.0);
@@ -161,7 +161,7 @@ fn is_positive_definite(m: &DMat3) -> bool {
 }
 
 /// What a parameter of this name acts on, and what is left of the name. Names of joints and links may have dots.
-fn part<'a>(model: &Model, parameter: &'a str) -> (Part<'a>, &'a str) {
+fn part<'a>(model: &Model, parameter: &'a str) -> (CorrectionTarget<'a>, &'a str) {
     const WORLD: [&str; 7] = ["contact.", "terrain.", "external.", "sensor.imu.", "sensor.pose.", "supply.", "run."];
     let inner = parameter.split_once('.').and_then(|(kind, rest)| {
         let (name, field) = rest.rsplit_once('.')?;
@@ -169,15 +169,19 @@ fn part<'a>(model: &Model, parameter: &'a str) -> (Part<'a>, &'a str) {
     });
     let found = match inner {
         Some(("joint" | "actuator" | "sensor", name, field)) => {
-            model.joint_index(name).map(|j| (Part::Joint(j), field))
+            model.joint_index(name).map(|j| (CorrectionTarget::Joint(j), field))
         }
-        Some(("link", name, field)) => model.links.iter().position(|l| l.name == name).map(|l| (Part::Link(l), field)),
-        Some(("geom", name, field)) => model.geoms.iter().position(|g| g.name == name).map(|g| (Part::Geom(g), field)),
-        Some(("material", name, field)) => Some((Part::Material(name), field)),
+        Some(("link", name, field)) => {
+            model.links.iter().position(|l| l.name == name).map(|l| (CorrectionTarget::Link(l), field))
+        }
+        Some(("geom", name, field)) => {
+            model.geoms.iter().position(|g| g.name == name).map(|g| (CorrectionTarget::Geom(g), field))
+        }
+        Some(("material", name, field)) => Some((CorrectionTarget::Material(name), field)),
         _ => None,
     };
     let world = parameter == "sensor.foot_force.scale" || WORLD.iter().any(|start| parameter.starts_with(start));
-    found.unwrap_or((if world { Part::World } else { Part::Nothing }, parameter))
+    found.unwrap_or((if world { CorrectionTarget::World } else { CorrectionTarget::Nothing }, parameter))
 }
 
 /// A number with six digits that count, which is more than any estimate has and short enough to read.
@@ -204,17 +208,17 @@ mod tests {
     fn names_find_what_they_act_on() {
         let model = go2();
         for (name, expected, field) in [
-            ("joint.FL_calf_joint.armature", Part::Joint(2), "armature"),
-            ("actuator.FL_hip_joint.lag", Part::Joint(0), "lag"),
-            ("sensor.RR_calf_joint.encoder_bias", Part::Joint(11), "encoder_bias"),
-            ("link.base.payload_mass", Part::Link(0), "payload_mass"),
-            ("geom.FL_calf.radius_offset", Part::Geom(0), "radius_offset"),
-            ("material.wet.grass.friction", Part::Material("wet.grass"), "friction"),
-            ("terrain.patch.friction", Part::World, "terrain.patch.friction"),
-            ("sensor.imu.tilt_roll", Part::World, "sensor.imu.tilt_roll"),
-            ("sensor.foot_force.scale", Part::World, "sensor.foot_force.scale"),
-            ("joint.tail.armature", Part::Nothing, "joint.tail.armature"),
-            ("nonsense", Part::Nothing, "nonsense"),
+            ("joint.FL_calf_joint.armature", CorrectionTarget::Joint(2), "armature"),
+            ("actuator.FL_hip_joint.lag", CorrectionTarget::Joint(0), "lag"),
+            ("sensor.RR_calf_joint.encoder_bias", CorrectionTarget::Joint(11), "encoder_bias"),
+            ("link.base.payload_mass", CorrectionTarget::Link(0), "payload_mass"),
+            ("geom.FL_calf.radius_offset", CorrectionTarget::Geom(0), "radius_offset"),
+            ("material.wet.grass.friction", CorrectionTarget::Material("wet.grass"), "friction"),
+            ("terrain.patch.friction", CorrectionTarget::World, "terrain.patch.friction"),
+            ("sensor.imu.tilt_roll", CorrectionTarget::World, "sensor.imu.tilt_roll"),
+            ("sensor.foot_force.scale", CorrectionTarget::World, "sensor.foot_force.scale"),
+            ("joint.tail.armature", CorrectionTarget::Nothing, "joint.tail.armature"),
+            ("nonsense", CorrectionTarget::Nothing, "nonsense"),
         ] {
             assert_eq!(part(&model, name), (expected, field), "{name}");
         }
@@ -228,7 +232,7 @@ mod tests {
             correction("actuator.FL_hip_joint.lag", 0.02),
             correction("actuator.FL_hip_joint.lag", f64::NAN),
         ];
-        assert_eq!(Corrected::new(&model, &all).joint(0, "lag"), Some(0.02));
+        assert_eq!(ModelCorrections::new(&model, &all).joint(0, "lag"), Some(0.02));
     }
 
     #[test]
@@ -246,7 +250,7 @@ mod tests {
             correction("link.FL_thigh.payload_mass", -0.2),
             correction("link.FL_thigh.payload_x", 0.01),
         ];
-        let corrected = Corrected::new(&model, &all);
+        let corrected = ModelCorrections::new(&model, &all);
         let mut rebuilt = model.clone();
         for (l, link) in rebuilt.links.iter_mut().enumerate() {
             if corrected.changes_link(l) {
@@ -277,7 +281,7 @@ mod tests {
     fn no_body_without_mass() {
         let model = go2();
         let all = [correction("link.base.payload_mass", -6.921)];
-        assert_eq!(Corrected::new(&model, &all).body(0), None);
+        assert_eq!(ModelCorrections::new(&model, &all).body(0), None);
         let flat = Body { mass: 1.0, com: DVec3::ZERO, inertia: DMat3::from_diagonal(DVec3::new(1.0, 1.0, 3.0)) };
         assert!(!flat.is_physical());
     }

@@ -13,7 +13,7 @@ pub mod words;
 
 use super::calibrated::cause_of;
 use crate::problem::library::{Effect, built_in};
-use crate::report::{Correction, Lead, Report, Stage, Unexplained, Verdict, Where};
+use crate::report::{Correction, Lead, Remainder, Report, Stage, Verdict, Where};
 use bars::{joints, shares};
 use qv_page::parts::{self, Bars, Mood, track};
 use qv_page::{Page, Table};
@@ -84,7 +84,7 @@ fn leads(leads: &[Lead]) -> String {
         return String::new();
     }
     let mut text = "<h2>What it looks most like</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap; each \
-                    line holds effects that this recording cannot tell apart.</p>"
+                    line holds effects that this recording cannot notify apart.</p>"
         .to_string();
     for lead in leads {
         let names: Vec<String> = lead.effects.iter().map(|e| words(e)).collect();
@@ -102,7 +102,7 @@ fn leads(leads: &[Lead]) -> String {
     text + "</div>"
 }
 
-/// What to do next beside what cannot be told.
+/// What to do next beside what cannot be reported.
 fn sentences(report: &Report) -> String {
     let list = |title: &str, sentences: &[String], tag: &str| {
         if sentences.is_empty() {
@@ -152,7 +152,7 @@ fn place(report: &Report) -> String {
     )
 }
 
-fn unexplained(left: &Unexplained, verdict: Verdict) -> String {
+fn unexplained(left: &Remainder, verdict: Verdict) -> String {
     let share = if left.share.is_finite() && verdict != Verdict::NoGap {
         format!("<p><b>{}</b> of the gap is not explained.</p>", percent(left.share))
     } else {

@@ -2,7 +2,7 @@
 
 use super::advice::advice;
 use super::calibrated::one_line;
-use super::corrected::{Corrected, Entry, Part, short};
+use super::corrected::{CorrectionTarget, Entry, ModelCorrections, short};
 use crate::report::Correction;
 use qv_sim::Model;
 use std::fmt::Write;
@@ -14,7 +14,7 @@ use std::fmt::Write;
 /// are not known: then stiffness and damping stay those of the robot's asset. `physics_dt` \[s\], positive, is the step that
 /// delays are counted in.
 pub fn to_isaac_lab(model: &Model, corrections: &[Correction], kp: &[f64], kd: &[f64], physics_dt: f64) -> String {
-    let corrected = Corrected::new(model, corrections);
+    let corrected = ModelCorrections::new(model, corrections);
     let gains = |j: usize| Some((*kp.get(j)?, *kd.get(j)?));
     let actuators: Vec<Actuator> =
         (0..model.joints.len()).map(|j| Actuator::new(&corrected, j, gains(j), physics_dt)).collect();
@@ -72,7 +72,7 @@ struct Actuator {
 }
 
 impl Actuator {
-    fn new(corrected: &Corrected, j: usize, gains: Option<(f64, f64)>, physics_dt: f64) -> Self {
+    fn new(corrected: &ModelCorrections, j: usize, gains: Option<(f64, f64)>, physics_dt: f64) -> Self {
         let joint = &corrected.model.joints[j];
         let scale = |field: &str| corrected.joint(j, field).unwrap_or(1.0);
         let stated = |x: f64| Some(x).filter(|x| x.is_finite()).map(short);
@@ -124,7 +124,7 @@ impl Actuator {
 
 /// Torque at rest and speed without torque of the line through the knee (all of the torque) and its zero; only where the
 /// diagnosis found one and a limit is known.
-fn dc_curve(corrected: &Corrected, j: usize) -> Option<(f64, f64)> {
+fn dc_curve(corrected: &ModelCorrections, j: usize) -> Option<(f64, f64)> {
     let joint = &corrected.model.joints[j];
     let (knee, zero) = (corrected.joint(j, "speed_knee"), corrected.joint(j, "speed_zero"));
     if knee.is_none() && zero.is_none() {
@@ -173,7 +173,7 @@ fn names(model: &Model, groups: &[Vec<usize>]) -> Vec<String> {
     names
 }
 
-fn header(corrected: &Corrected, actuators: &[Actuator], physics_dt: f64) -> String {
+fn header(corrected: &ModelCorrections, actuators: &[Actuator], physics_dt: f64) -> String {
     let mut text = String::from(
         "\"\"\"Actuators for Isaac Lab (2.3) as a diagnosis of a recording corrects them.\n\n\
          ArticulationCfg(..., actuators=ACTUATORS). Friction is in N m, as from Isaac Sim 5 on; None stays as in the asset.\n\
@@ -193,7 +193,7 @@ fn header(corrected: &Corrected, actuators: &[Actuator], physics_dt: f64) -> Str
     text
 }
 
-fn group(corrected: &Corrected, actuator: &Actuator, joints: &[usize], name: &str) -> String {
+fn group(corrected: &ModelCorrections, actuator: &Actuator, joints: &[usize], name: &str) -> String {
     let expressions: Vec<String> =
         joints.iter().map(|&j| quoted(&expression(&corrected.model.joints[j].name))).collect();
     let mut text = format!("    {}: {}(\n", quoted(name), actuator.class.name());
@@ -207,7 +207,7 @@ fn group(corrected: &Corrected, actuator: &Actuator, joints: &[usize], name: &st
 }
 
 /// The delays that the steps stand for.
-fn latency_comment(corrected: &Corrected, joints: &[usize]) -> String {
+fn latency_comment(corrected: &ModelCorrections, joints: &[usize]) -> String {
     let found: Vec<f64> = joints.iter().filter_map(|&j| corrected.joint(j, "command_latency")).collect();
     let (low, high) = found.iter().fold((f64::INFINITY, 0.0f64), |(l, h), x| (l.min(*x), h.max(*x)));
     let [low, high] = [low, high].map(|x| format!("{:.1}", 1e3 * x));
@@ -216,7 +216,7 @@ fn latency_comment(corrected: &Corrected, joints: &[usize]) -> String {
 
 /// Whether the actuators say a correction.
 fn is_said(entry: &Entry, actuators: &[Actuator], gains: impl Fn(usize) -> Option<(f64, f64)>) -> bool {
-    let Part::Joint(j) = entry.part else { return false };
+    let CorrectionTarget::Joint(j) = entry.part else { return false };
     let drives = gains(j).is_some_and(|(kp, kd)| kp != 0.0 || kd != 0.0);
     match entry.field {
         "armature" | "coulomb_friction" | "viscous_friction" | "torque_limit" => true,

@@ -2,7 +2,7 @@
 //! words.
 
 use super::advice::advice;
-use super::corrected::{Corrected, Entry, Part, short};
+use super::corrected::{CorrectionTarget, Entry, ModelCorrections, short};
 use crate::report::Correction;
 use glam::DQuat;
 use qv_page::escape;
@@ -31,7 +31,7 @@ const NOTHING: &str = "  <custom/>\n";
 /// say is a comment with what to do elsewhere. `kp` \[N m/rad\] and `kd` \[N m s/rad\] are the gains of the recording, shape
 /// `[joints]` in the model's order; empty when they are not known, zero for motors that take torques.
 pub fn to_mjcf(model: &Model, corrections: &[Correction], kp: &[f64], kd: &[f64]) -> String {
-    let corrected = Corrected::new(model, corrections);
+    let corrected = ModelCorrections::new(model, corrections);
     let gains = |j: usize| Some((*kp.get(j)?, *kd.get(j)?));
     let classes: Vec<String> = (0..model.joints.len()).filter_map(|j| joint_class(&corrected, j, gains(j))).collect();
     let grounds = ground_classes(&corrected);
@@ -91,7 +91,7 @@ fn how_to(classes: &[String], grounds: &[String]) -> String {
 }
 
 /// The class of a joint and its motor; `None` when nothing about them is corrected that MJCF can say.
-fn joint_class(corrected: &Corrected, j: usize, gains: Option<(f64, f64)>) -> Option<String> {
+fn joint_class(corrected: &ModelCorrections, j: usize, gains: Option<(f64, f64)>) -> Option<String> {
     let set = |(field, name): &(&str, &str)| Some(format!(" {name}=\"{}\"", short(corrected.joint(j, field)?)));
     let joint: String = JOINT.iter().filter_map(set).collect();
     let motor = motor(corrected, j, gains).unwrap_or_default();
@@ -104,7 +104,7 @@ fn joint_class(corrected: &Corrected, j: usize, gains: Option<(f64, f64)>) -> Op
 }
 
 /// The motor's element: a position servo with the gains as they act, or a torque motor where both gains are zero.
-fn motor(corrected: &Corrected, j: usize, gains: Option<(f64, f64)>) -> Option<String> {
+fn motor(corrected: &ModelCorrections, j: usize, gains: Option<(f64, f64)>) -> Option<String> {
     let limit = corrected.joint(j, "torque_limit");
     let delay = corrected.joint(j, "command_latency").filter(|x| *x > 0.0).map_or(String::new(), delay);
     if delay.is_empty() && !MOTOR.iter().any(|field| corrected.joint(j, field).is_some()) {
@@ -136,7 +136,7 @@ fn delay(latency: f64) -> String {
     format!(" delay=\"{}\" nsample=\"{samples}\" interp=\"zoh\"", short(latency))
 }
 
-fn ground_classes(corrected: &Corrected) -> Vec<String> {
+fn ground_classes(corrected: &ModelCorrections) -> Vec<String> {
     let mut classes = Vec::new();
     let contact = contact_attributes(corrected);
     if !contact.is_empty() {
@@ -145,7 +145,7 @@ fn ground_classes(corrected: &Corrected) -> Vec<String> {
         ));
     }
     for entry in &corrected.entries {
-        if let Part::Material(name) = entry.part {
+        if let CorrectionTarget::Material(name) = entry.part {
             let (name, friction) = (escape(name), friction(corrected, entry.correction.value));
             classes.push(format!(
                 "    <default class=\"calibrated_ground_{name}\">\n      <geom priority=\"1\"{friction}/>\n    </default>\n"
@@ -155,13 +155,13 @@ fn ground_classes(corrected: &Corrected) -> Vec<String> {
     classes
 }
 
-fn friction(corrected: &Corrected, sliding: f64) -> String {
+fn friction(corrected: &ModelCorrections, sliding: f64) -> String {
     // What is not corrected is as in the simulator, whose values are MuJoCo's.
     let length = |name: &str, neutral: f64| short(corrected.world(name).unwrap_or(neutral));
     format!(" friction=\"{} {} {}\"", short(sliding), length(SLIDE_ONLY[0], 0.005), length(SLIDE_ONLY[1], 0.0001))
 }
 
-fn contact_attributes(corrected: &Corrected) -> String {
+fn contact_attributes(corrected: &ModelCorrections) -> String {
     let mut text = corrected.world(CONTACT[0]).map_or(String::new(), |mu| friction(corrected, mu));
     let [time_constant, ratio, restitution] = [1, 2, 3].map(|k| corrected.world(CONTACT[k]));
     if time_constant.is_some() || ratio.is_some() || restitution.is_some() {
@@ -190,12 +190,12 @@ fn damping_for_restitution(restitution: f64) -> f64 {
 }
 
 /// An `<inertial>` for each link that changes: MJCF's body frame is the link's, its `fullinertia` the entries of the tensor.
-fn bodies(corrected: &Corrected) -> Vec<String> {
+fn bodies(corrected: &ModelCorrections) -> Vec<String> {
     let changed = (0..corrected.model.links.len()).filter(|&l| corrected.changes_link(l));
     changed.filter_map(|l| Some(inertial(corrected, l, corrected.body(l)?))).collect()
 }
 
-fn inertial(corrected: &Corrected, l: usize, body: super::corrected::Body) -> String {
+fn inertial(corrected: &ModelCorrections, l: usize, body: super::corrected::Body) -> String {
     let name = &corrected.model.links[l].name;
     let merged: Vec<&str> =
         corrected.model.frames.iter().filter(|f| f.link == Some(l)).map(|f| f.name.as_str()).collect();
@@ -214,7 +214,7 @@ fn inertial(corrected: &Corrected, l: usize, body: super::corrected::Body) -> St
 }
 
 /// The new size of each round shape whose radius changes.
-fn geoms(corrected: &Corrected) -> Vec<String> {
+fn geoms(corrected: &ModelCorrections) -> Vec<String> {
     let one = |g: usize| {
         let geom = &corrected.model.geoms[g];
         let offset = corrected.geom(g, "radius_offset")?;
@@ -232,7 +232,7 @@ fn geoms(corrected: &Corrected) -> Vec<String> {
 const FLOOR: [&str; 3] = ["terrain.height", "terrain.slope_x", "terrain.slope_y"];
 
 /// Where the floor is when it is raised or tilted.
-fn floor(corrected: &Corrected) -> Option<String> {
+fn floor(corrected: &ModelCorrections) -> Option<String> {
     let values = FLOOR.map(|name| corrected.world(name));
     if values.iter().all(Option::is_none) {
         return None;
@@ -245,27 +245,27 @@ fn floor(corrected: &Corrected) -> Option<String> {
 }
 
 /// Whether the fragment says a correction in MJCF's own terms.
-fn is_said(corrected: &Corrected, entry: &Entry, gains: impl Fn(usize) -> Option<(f64, f64)>) -> bool {
+fn is_said(corrected: &ModelCorrections, entry: &Entry, gains: impl Fn(usize) -> Option<(f64, f64)>) -> bool {
     match entry.part {
-        Part::Joint(j) => {
+        CorrectionTarget::Joint(j) => {
             let limit = entry.field == "torque_limit";
             let motor =
                 entry.field == "command_latency" || (MOTOR.contains(&entry.field) && (limit || gains(j).is_some()));
             JOINT.iter().any(|(field, _)| *field == entry.field) || motor
         }
-        Part::Link(l) => corrected.body(l).is_some() && entry.field != "length_scale",
-        Part::Geom(g) => {
+        CorrectionTarget::Link(l) => corrected.body(l).is_some() && entry.field != "length_scale",
+        CorrectionTarget::Geom(g) => {
             let round = matches!(corrected.model.geoms[g].shape, Shape::Sphere(_) | Shape::Capsule { .. });
             entry.field == "radius_offset" && round
         }
-        Part::Material(_) => true,
-        Part::World => {
+        CorrectionTarget::Material(_) => true,
+        CorrectionTarget::World => {
             let slides = corrected.world(CONTACT[0]).is_some();
             CONTACT.contains(&entry.field)
                 || FLOOR.contains(&entry.field)
                 || (slides && SLIDE_ONLY.contains(&entry.field))
         }
-        Part::Nothing => false,
+        CorrectionTarget::Nothing => false,
     }
 }
 

@@ -1,7 +1,7 @@
 //! The corrections written into a robot's URDF: friction, damping and limits of joints, mass properties of links.
 
 use super::advice::advice;
-use super::corrected::{Body, Corrected, Entry, Part};
+use super::corrected::{Body, CorrectionTarget, Entry, ModelCorrections};
 use super::xml::{Edits, write_edits};
 use crate::GapError;
 use crate::report::Correction;
@@ -28,7 +28,7 @@ pub fn to_urdf(
     corrections: &[Correction],
 ) -> Result<(String, Vec<String>), GapError> {
     let robot = Robot::parse(original_urdf).map_err(|e| wrong("a robot", &e.to_string()))?;
-    let corrected = Corrected::new(model, corrections);
+    let corrected = ModelCorrections::new(model, corrections);
     let mut edits = Edits::default();
     for j in 0..model.joints.len() {
         joint_edits(&corrected, &robot, j, &mut edits)?;
@@ -41,7 +41,7 @@ pub fn to_urdf(
         }
     }
     let known = with_armature(model, corrections);
-    notes.extend(advice(&Corrected::new(model, &known), |e| is_said(&corrected, e, &moved)));
+    notes.extend(advice(&ModelCorrections::new(model, &known), |e| is_said(&corrected, e, &moved)));
     let text = write_edits(original_urdf, &edits).map_err(|e| wrong("well-formed XML", &e))?;
     Ok((text, notes))
 }
@@ -63,7 +63,7 @@ fn wrong(expected: &str, found: &str) -> GapError {
     GapError::run("URDF", expected, found)
 }
 
-fn joint_edits(corrected: &Corrected, robot: &Robot, j: usize, edits: &mut Edits) -> Result<(), GapError> {
+fn joint_edits(corrected: &ModelCorrections, robot: &Robot, j: usize, edits: &mut Edits) -> Result<(), GapError> {
     let name = &corrected.model.joints[j].name;
     let of = |field: &str, attribute: &'static str| corrected.joint(j, field).map(|v| (attribute, v));
     let (stated, own) = (&corrected.model.joints[j], robot.joints.iter().find(|joint| joint.name == *name));
@@ -100,7 +100,7 @@ fn joint_edits(corrected: &Corrected, robot: &Robot, j: usize, edits: &mut Edits
 
 /// Whether the change of the moving link `l` could be written.
 fn link_edits(
-    corrected: &Corrected,
+    corrected: &ModelCorrections,
     robot: &Robot,
     l: usize,
     edits: &mut Edits,
@@ -189,9 +189,9 @@ fn inertial(body: &Body, carrier_from_link: &Pose) -> String {
     )
 }
 
-fn is_said(corrected: &Corrected, entry: &Entry, moved: &[usize]) -> bool {
+fn is_said(corrected: &ModelCorrections, entry: &Entry, moved: &[usize]) -> bool {
     match entry.part {
-        Part::Joint(j) => match entry.field {
+        CorrectionTarget::Joint(j) => match entry.field {
             "viscous_friction" | "coulomb_friction" | "torque_limit" | "speed_knee" => true,
             "speed_zero" => {
                 // A velocity limit means that torque along the motion is gone a tenth above it.
@@ -200,7 +200,7 @@ fn is_said(corrected: &Corrected, entry: &Entry, moved: &[usize]) -> bool {
             }
             _ => false,
         },
-        Part::Link(l) => moved.contains(&l) && entry.field != "length_scale",
+        CorrectionTarget::Link(l) => moved.contains(&l) && entry.field != "length_scale",
         _ => false,
     }
 }

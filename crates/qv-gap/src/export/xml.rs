@@ -71,7 +71,7 @@ fn name_of(tag: &BytesStart) -> String {
 }
 
 /// The joint or link that is being read.
-struct Open {
+struct OpenElement {
     is_joint: bool,
     name: String,
     /// Children that were met.
@@ -87,7 +87,7 @@ struct Walk<'a> {
     path: Vec<String>,
     /// Ranges of the text and what to put there.
     splices: Vec<(Range<usize>, String)>,
-    open: Option<Open>,
+    open: Option<OpenElement>,
 }
 
 impl Walk<'_> {
@@ -96,7 +96,7 @@ impl Walk<'_> {
         // Joints are also named deeper, by transmissions and plugins.
         if self.path.len() == 1 && !is_empty && (element == "joint" || element == "link") {
             let name = attribute(tag, "name")?.unwrap_or_default();
-            self.open = Some(Open { is_joint: element == "joint", name, met: Vec::new(), replaced_from: None });
+            self.open = Some(OpenElement { is_joint: element == "joint", name, met: Vec::new(), replaced_from: None });
             return Ok(());
         }
         let Some(open) = self.open.as_mut().filter(|_| self.path.len() == 2) else { return Ok(()) };
@@ -138,7 +138,7 @@ impl Walk<'_> {
     }
 
     /// Children that should have been there, before the end tag at `end`.
-    fn add_missing(&mut self, open: &Open, end: usize) {
+    fn add_missing(&mut self, open: &OpenElement, end: usize) {
         let line = self.text[..end].rsplit('\n').next().unwrap_or_default();
         let indent = if line.trim().is_empty() && line.len() < end { Some(line) } else { None };
         let mut missing: Vec<String> = Vec::new();

@@ -5,7 +5,7 @@ use crate::inference::linearised::{EXTRA, LinearisedProblem};
 use qv_fit::linear::add_scaled;
 
 /// What a study knew before it forgot some effects.
-pub struct Ablated {
+pub struct StudyState {
     replicates: Vec<Vec<Option<Normal>>>,
     ghost_residuals: Vec<Vec<Option<Vec<f64>>>>,
     ghost_deviations: Vec<Vec<f64>>,
@@ -16,8 +16,8 @@ pub struct Ablated {
 impl LinearisedProblem<'_> {
     /// The same study of a library that has never heard of some effects: they are not suspected, no robot deviates in them, and
     /// the simulated ones do not, to first order. What is given back undoes it.
-    pub fn ablate(&mut self, effects: &[usize]) -> Ablated {
-        let kept = Ablated {
+    pub fn ablate(&mut self, effects: &[usize]) -> StudyState {
+        let kept = StudyState {
             replicates: self.replicates.clone(),
             ghost_residuals: self.ghost_residuals.clone(),
             ghost_deviations: self.ghost_deviations.clone(),
@@ -44,7 +44,7 @@ impl LinearisedProblem<'_> {
     }
 
     /// Undoes what [`Self::ablate`] did.
-    pub fn restore(&mut self, kept: Ablated) {
+    pub fn restore(&mut self, kept: StudyState) {
         self.replicates = kept.replicates;
         self.ghost_residuals = kept.ghost_residuals;
         self.ghost_deviations = kept.ghost_deviations;

@@ -13,7 +13,7 @@ pub(crate) fn estimates_of(study: &LinearisedProblem, fit: &Fit) -> Vec<Paramete
     estimates(effect, fit, fit.suspect.extent)
 }
 
-/// Values of a fit by name, with intervals, and those of the extent that is told.
+/// Values of a fit by name, with intervals, and those of the extent that is reported.
 pub fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<ParameterEstimate> {
     let mut names: Vec<(String, String, f64)> = effect
         .axes

@@ -24,7 +24,7 @@ const SETTLED: f64 = 1.0;
 const LEAST: f64 = 10.0;
 /// Effects alone that a fit begins from.
 const STARTS: usize = 3;
-/// Correlation from which two values are not told apart: each one's variance is ten times what it would be without the other (a variance
+/// Correlation from which two values are not distinguished: each one's variance is ten times what it would be without the other (a variance
 /// inflation factor of 10, as is usual in regression).
 const COLLINEAR: f64 = 0.95;
 
@@ -35,14 +35,14 @@ pub struct JointFit {
     pub fits: Vec<Fit>,
     /// Correlation of all values after one another, shape `[values, values]`.
     pub correlation: Matrix,
-    /// Groups of the study that are not told apart: one that is in `fits`, and one that is left out for it.
+    /// Groups of the study that are not distinguished: one that is in `fits`, and one that is left out for it.
     pub alike: Vec<[usize; 2]>,
     /// Loss with all of them.
     pub loss: f64,
 }
 
 impl JointFit {
-    /// The effect that is missed least, if it is not missed enough to be told.
+    /// The effect that is missed least, if it is not missed enough to be reported.
     fn least_missed(&self) -> Option<usize> {
         let all = self.fits.iter().enumerate().filter(|(_, f)| f.evidence < LEAST);
         all.min_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)).map(|(k, _)| k)
@@ -92,7 +92,7 @@ impl Layout {
         kept.map(|(_, v)| *v).collect()
     }
 
-    /// Two effects of one value each that are not told apart, the one that comes first and the other.
+    /// Two effects of one value each that are not distinguished, the one that comes first and the other.
     fn collinear(&self, correlation: &Matrix) -> Option<[usize; 2]> {
         let is_one = |k: usize| self.suspects[self.of_value[k][0]].values.len() == 1;
         let pairs = (0..self.wide.len()).flat_map(|j| (0..j).map(move |i| [i, j]));
@@ -134,7 +134,7 @@ impl Search<'_, '_> {
         let mut alone = self.one_of_each(fits);
         let mut alike: Vec<[usize; 2]> = Vec::new();
         let mut begun: Option<Vec<f64>> = None;
-        // Backward elimination: what is not told from another or is not missed goes, one after another.
+        // Backward elimination: what is not distinguished from another or is not missed goes, one after another.
         loop {
             if alone.len() < 2 {
                 return Ok(None);
@@ -144,7 +144,7 @@ impl Search<'_, '_> {
                 Some(values) => self.descend(&layout, values, null)?,
                 None => self.best_of_starts(&layout, null)?,
             };
-            let mut found = self.told(&layout, &point)?;
+            let mut found = self.remarks(&layout, &point)?;
             let pair = layout.collinear(&found.correlation);
             let Some(dropped) = pair.map(|p| p[1]).or_else(|| found.least_missed()) else {
                 found.alike = alike;
@@ -279,7 +279,7 @@ impl Search<'_, '_> {
     }
 
     /// The values of a point with what they may be off by.
-    fn told(&mut self, layout: &Layout, point: &Point) -> Result<JointFit, GapError> {
+    fn remarks(&mut self, layout: &Layout, point: &Point) -> Result<JointFit, GapError> {
         let tangent = self.slopes(layout, point)?;
         let size = layout.wide.len();
         let scatter = tangent.scatter();

@@ -17,7 +17,7 @@ use qv_rollout::Trace;
 use qv_rollout::law;
 use qv_rollout::replicate::{Noise, Replicate, record};
 use qv_rollout::{Numerics, Overrides, Rollout, Window};
-use qv_rollout::{Raw, Residuals, Traced, compare, compare_and_trace, joint_lags};
+use qv_rollout::{Raw, Residuals, TracedResiduals, compare, compare_and_trace, joint_lags};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -76,7 +76,7 @@ pub struct LinearisedWindow {
 }
 
 /// What a run has of its own.
-pub struct Part {
+pub struct RunProblem {
     /// The null.
     pub whitener: Whitener,
     /// Noise of the sensors.
@@ -94,7 +94,7 @@ pub struct LinearisedProblem<'a> {
     /// The windows.
     pub seen: Vec<LinearisedWindow>,
     /// What each run has of its own.
-    pub parts: Vec<Part>,
+    pub parts: Vec<RunProblem>,
     /// Normal equations of each simulated recording without an effect, by window.
     pub replicates: Vec<Vec<Option<Normal>>>,
     /// Their residuals, by window.
@@ -107,14 +107,14 @@ pub struct LinearisedProblem<'a> {
     pub ablated: Vec<usize>,
     /// Joints that are at rest on average over the windows (indices, in the order of the model).
     pub at_rest: Vec<usize>,
-    /// How far each joint is behind the simulated one \[s\], shape `[joints]`, by the first recording that tells; `None` where none does.
+    /// How far each joint is behind the simulated one \[s\], shape `[joints]`, by the first recording that shows; `None` where none does.
     pub lags: Vec<Option<f64>>,
     /// Mean square of residuals of noise and numerics alone.
     pub floor: f64,
     /// Steps simulated so far.
     steps: AtomicUsize,
     /// Those when they were asked for last.
-    steps_told: AtomicUsize,
+    steps_reported: AtomicUsize,
     /// Whether the null is what reference recordings leave, pushes and blows among it.
     pub is_relative: bool,
 }
@@ -147,18 +147,18 @@ impl<'a> LinearisedProblem<'a> {
             lags: Vec::new(),
             floor: 0.0,
             steps: AtomicUsize::new(0),
-            steps_told: AtomicUsize::new(0),
+            steps_reported: AtomicUsize::new(0),
             is_relative: !reference.is_empty(),
         };
         study.tolerance = study.tolerances();
-        // More recordings share the windows that one has, down to a number that still tells something.
+        // More recordings share the windows that one has, down to a number that still shows something.
         study.rollout.cut.most = (study.rollout.cut.most / runs.len().max(1)).max(24).min(study.rollout.cut.most);
         let pool = study.pool(reference)?;
         for (index, run) in runs.iter().enumerate() {
             study.add(run, index, &pool, effort)?;
         }
         study.floor /= runs.len().max(1) as f64;
-        // The first recording in which joints move enough to tell.
+        // The first recording in which joints move enough to show.
         for run in runs {
             study.lags = joint_lags(&study.rollout, run)?;
             if study.lags.iter().any(Option::is_some) {
@@ -266,7 +266,7 @@ impl<'a> LinearisedProblem<'a> {
         let first = self.seen.len();
         self.seen.extend(seen.into_iter().flatten());
         self.seen[first..].iter_mut().filter(|_| !pool.is_empty()).for_each(LinearisedWindow::weigh);
-        self.parts.push(Part { whitener, noise, alignment });
+        self.parts.push(RunProblem { whitener, noise, alignment });
         self.count(steps);
         Ok(())
     }
@@ -279,7 +279,7 @@ impl<'a> LinearisedProblem<'a> {
     /// Simulated steps since this was asked last.
     pub(crate) fn steps_since(&self) -> usize {
         let steps = self.steps();
-        steps - self.steps_told.swap(steps, Ordering::Relaxed)
+        steps - self.steps_reported.swap(steps, Ordering::Relaxed)
     }
 
     /// Adds steps that were simulated elsewhere.
@@ -374,7 +374,8 @@ impl<'a> LinearisedProblem<'a> {
     ) -> Result<(Vec<Raw>, Vec<Option<Trace>>), GapError> {
         let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
         let settings = std::slice::from_ref(setting);
-        let Traced { residuals, traces } = compare_and_trace(&self.rollout, &self.rollout.numerics, &chosen, settings)?;
+        let TracedResiduals { residuals, traces } =
+            compare_and_trace(&self.rollout, &self.rollout.numerics, &chosen, settings)?;
         Ok((self.with_law(&chosen, windows, settings, residuals).remove(0), traces))
     }
 

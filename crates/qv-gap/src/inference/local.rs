@@ -22,7 +22,7 @@ use rayon::prelude::*;
 const FRICTIONS: [f64; 6] = [0.6, 0.45, 0.32, 0.22, 0.14, 0.08];
 /// Log evidence of a scan below which the simulator is not asked.
 const WORTH_A_LOOK: f64 = 12.0;
-/// Log evidence in whole windows that a region needs to be told: ground on which feet slip has thousands, what a search finds where there is
+/// Log evidence in whole windows that a region needs to be reported: ground on which feet slip has thousands, what a search finds where there is
 /// none seldom as much, and to ask pieces of windows takes as long as all else.
 const LEAST_REGIONAL: f64 = 30.0;
 /// Most that one window counts in a scan for regions: a foot that landed elsewhere outweighs all others otherwise.
@@ -70,13 +70,13 @@ impl Search<'_, '_> {
         let deviations: Vec<f64> = std::iter::once(deviation).chain(of_edges).collect();
         let loss = self.loss_at(base, std::slice::from_ref(&suspect))?[0];
         let of_none = self.loss_without(base, &suspect)?;
-        let told = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, [of_none, loss], deviations) };
+        let remarks = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, [of_none, loss], deviations) };
         // Where feet slip whole windows are missed by the right friction, too, and a wrong one may fit them better: pieces have the last word.
-        if !told.loss.is_finite() {
+        if !remarks.loss.is_finite() {
             return Ok(self.ended_at_feet(fit, region));
         }
-        let is_better = told.evidence > fit.evidence;
-        Ok(if is_better { told } else { Fit { loss: fit.loss, evidence: fit.evidence, ..told } })
+        let is_better = remarks.evidence > fit.evidence;
+        Ok(if is_better { remarks } else { Fit { loss: fit.loss, evidence: fit.evidence, ..remarks } })
     }
 
     /// The same fit without ground on which nobody stood.
@@ -352,7 +352,7 @@ impl Search<'_, '_> {
         let regional = matches!(suspect.extent, Some(Extent::Region(_)));
         let dispersion = if regional { 1.0 } else { self.dispersion };
         let evidence = 0.5 * (before - loss) / dispersion + volume;
-        // Told on the scale of the other fits.
+        // Reported on the scale of the other fits.
         let loss = base.loss - (before - loss);
         Fit { suspect, deviations, scatter: Vec::new(), loss, evidence, held_out: None }
     }

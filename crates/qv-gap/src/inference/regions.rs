@@ -1,4 +1,4 @@
-//! Rectangles of the ground: where a search for them begins, by what each window gains there, and what feet tell of their edges.
+//! Rectangles of the ground: where a search for them begins, by what each window gains there, and what feet report their edges.
 
 use crate::inference::linearised::LinearisedProblem;
 use crate::problem::columns::{Extent, Suspect};
@@ -152,10 +152,10 @@ fn outwards(edge: usize) -> f64 {
 
 /// The region with each edge midway between the outermost foot inside and the next one outside: anywhere between them it explains as much.
 /// Where no foot stood outside, it ends at the feet inside.
-pub(crate) fn told_by_feet(feet: &[[f64; 2]], region: [f64; 4]) -> Outline {
+pub(crate) fn outline_of_feet(feet: &[[f64; 2]], region: [f64; 4]) -> Outline {
     let within = up_to_feet(feet, region);
     let inside = inside(feet, region);
-    let mut told = Outline { region: within, deviations: [BEYOND_FEET; 4] };
+    let mut remarks = Outline { region: within, deviations: [BEYOND_FEET; 4] };
     for edge in 0..4 {
         let (axis, sign) = (edge / 2, outwards(edge));
         let mut strip = within;
@@ -163,12 +163,12 @@ pub(crate) fn told_by_feet(feet: &[[f64; 2]], region: [f64; 4]) -> Outline {
         let farthest = inside.iter().map(|p| sign * p[axis]).fold(f64::NEG_INFINITY, f64::max);
         let nearest = beyond(feet, strip, edge);
         if nearest.is_finite() && farthest.is_finite() {
-            told.region[edge] = sign * 0.5 * (farthest + nearest);
+            remarks.region[edge] = sign * 0.5 * (farthest + nearest);
             // Of what lies evenly between the two.
-            told.deviations[edge] = (0.5 * (nearest - farthest) / f64::sqrt(3.0)).max(LEAST_DEVIATION);
+            remarks.deviations[edge] = (0.5 * (nearest - farthest) / f64::sqrt(3.0)).max(LEAST_DEVIATION);
         }
     }
-    told
+    remarks
 }
 
 /// Names of the edges beyond which no foot stood: the ground may go on there.
@@ -241,15 +241,15 @@ mod tests {
         // Two rows of feet, 0.1 m to either side of a way along x.
         let feet: Vec<[f64; 2]> = (0..20).flat_map(|k| [[0.1 * k as f64, -0.1], [0.1 * k as f64, 0.1]]).collect();
         let near = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
-        let stripe = told_by_feet(&feet, [0.52, 0.93, -4.0, 4.0]);
+        let stripe = outline_of_feet(&feet, [0.52, 0.93, -4.0, 4.0]);
         assert!(near(stripe.region, [0.55, 0.95, -0.15, 0.15]), "{stripe:?}");
         assert_eq!(untested(&feet, stripe.region), ["y_min", "y_max"]);
-        let half = told_by_feet(&feet, [0.52, 0.93, 0.07, 4.0]);
+        let half = outline_of_feet(&feet, [0.52, 0.93, 0.07, 4.0]);
         assert!(near(half.region, [0.55, 0.95, 0.0, 0.15]), "{half:?}");
         assert!(near(half.deviations, [0.05 / 3f64.sqrt(), 0.05 / 3f64.sqrt(), 0.1 / 3f64.sqrt(), 0.05]), "{half:?}");
         assert_eq!(untested(&feet, half.region), ["y_max"]);
         let nobody = [5.0, 6.0, 0.0, 1.0];
-        assert_eq!(told_by_feet(&feet, nobody).region, nobody);
-        assert_eq!(told_by_feet(&[], nobody).region, nobody);
+        assert_eq!(outline_of_feet(&feet, nobody).region, nobody);
+        assert_eq!(outline_of_feet(&[], nobody).region, nobody);
     }
 }

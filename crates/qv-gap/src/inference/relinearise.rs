@@ -8,7 +8,7 @@ use qv_fit::Matrix;
 use qv_fit::linear::gram;
 use qv_rollout::law::Alignment;
 use qv_rollout::{Overrides, Rollout, Window};
-use qv_rollout::{Traced, compare_and_trace};
+use qv_rollout::{TracedResiduals, compare_and_trace};
 
 impl<'a> LinearisedProblem<'a> {
     /// The study of `rollout`, whose robot is this one's but for the sizes of a few effects. Residuals and the sensitivities of these effects
@@ -43,7 +43,7 @@ impl<'a> LinearisedProblem<'a> {
     fn see_again(&mut self, moved: &[usize]) -> Result<bool, GapError> {
         let windows: Vec<&Window> = self.seen.iter().map(|s| &s.window).collect();
         let alignments: Vec<Alignment> = windows.iter().map(|w| self.parts[w.run].alignment).collect();
-        let Traced { residuals: base, traces } =
+        let TracedResiduals { residuals: base, traces } =
             compare_and_trace(&self.rollout, &self.rollout.numerics, &windows, &[Overrides::new()])?;
         let raw = with_law(&self.rollout, &alignments, &windows, &[Overrides::new()], base.values).remove(0);
         let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();

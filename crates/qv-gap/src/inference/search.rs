@@ -70,7 +70,7 @@ pub struct Fit {
     pub loss: f64,
     /// Log evidence over that of no effect, divided by the dispersion.
     pub evidence: f64,
-    /// Fall of the loss in windows that no fit has seen, where pieces of windows told it.
+    /// Fall of the loss in windows that no fit has seen, where pieces of windows reported it.
     pub held_out: Option<Fall>,
 }
 
@@ -173,7 +173,7 @@ impl<'s, 'a> Search<'s, 'a> {
         Ok(fits)
     }
 
-    /// Looks round the value of a fit of one axis for as long as that gains, and tells whether it moved. A latency needs it: commands
+    /// Looks round the value of a fit of one axis for as long as that gains, and shows whether it moved. A latency needs it: commands
     /// are held, so that the loss jumps wherever the latency passes a whole tick, and a slope says little of what lies behind.
     fn polish(&mut self, base: &Base, fit: &mut Fit, here: &mut Residuals) -> Result<bool, GapError> {
         let [value] = fit.suspect.values[..] else { return Ok(false) };
@@ -248,7 +248,7 @@ impl<'s, 'a> Search<'s, 'a> {
         found
     }
 
-    /// The most telling groups of each effect.
+    /// The most reporting groups of each effect.
     fn candidates(&self, base: &Base, without: &[usize]) -> Vec<Suspect> {
         let mut linear = self.linear(&base.sums);
         linear.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -282,12 +282,12 @@ impl<'s, 'a> Search<'s, 'a> {
             return None;
         }
         let mut lags: Vec<f64> = group.members.iter().filter_map(|&joint| *self.study.lags.get(joint)?).collect();
-        // What the simulator was asked at is told by its slope there.
+        // What the simulator was asked at is given by its slope there.
         let least = self.columns().effects[group.effect].levels[0];
         (!lags.is_empty()).then(|| median(&mut lags)).filter(|lag| *lag >= least)
     }
 
-    /// Whether an effect makes joints late: in what they are told, in what they do, or in what they report.
+    /// Whether an effect makes joints late: in what they are reported, in what they do, or in what they report.
     fn is_delay(&self, effect: usize) -> bool {
         use JointField::{CommandLatency, EncoderLatency, Lag};
         let of = &self.columns().effects[effect];
@@ -560,7 +560,7 @@ impl<'s, 'a> Search<'s, 'a> {
             let slope = |a: usize| minus(of_window[0], of_window[1 + a]).iter().map(|d| d / steps[a]).collect();
             let slopes: Vec<Vec<f64>> = (0..axes).map(slope).collect();
             e += weight * squared(of_window[0]);
-            let part = Part::new(weight, seen, of_window[0], &slopes);
+            let part = WindowSlopes::new(weight, seen, of_window[0], &slopes);
             add_scaled(&mut b, weight, &part.b);
             for a in 0..axes {
                 add_scaled(&mut along[a], weight, &part.along[a]);
@@ -583,11 +583,11 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     /// Half the slope of each window's loss along each axis, tolerated deviations at their best, shape `[windows][axes]`.
-    fn scores(&self, parts: &[(usize, Part)], b: &[f64], along: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    fn scores(&self, parts: &[(usize, WindowSlopes)], b: &[f64], along: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let best = self.marginal.best(b);
         let answers: Vec<Vec<f64>> = along.iter().map(|a| self.marginal.best(a)).collect();
         let tolerated = best.len();
-        let score = |(w, part): &(usize, Part)| {
+        let score = |(w, part): &(usize, WindowSlopes)| {
             let of_best = &times(&self.study.seen[*w].h, &best)[..tolerated];
             let b = &part.b[..tolerated];
             let of_axis = |a: usize| {
@@ -625,7 +625,7 @@ impl<'s, 'a> Search<'s, 'a> {
 }
 
 /// What a window gives to the slopes of a suspect.
-struct Part {
+struct WindowSlopes {
     weight: f64,
     /// `J'r`.
     b: Vec<f64>,
@@ -635,7 +635,7 @@ struct Part {
     products: Vec<f64>,
 }
 
-impl Part {
+impl WindowSlopes {
     fn new(weight: f64, seen: &LinearisedWindow, residual: &[f64], slopes: &[Vec<f64>]) -> Self {
         Self {
             weight,

@@ -8,7 +8,7 @@ use crate::GapError;
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::regions::never_left;
 use crate::inference::regions::place;
-use crate::inference::regions::{Outline, is_within_reach, told_by_feet, up_to_feet};
+use crate::inference::regions::{Outline, is_within_reach, outline_of_feet, up_to_feet};
 use crate::inference::search::{Fall, Search, fitted, held_out};
 use crate::problem::columns::{Extent, Suspect};
 use qv_core::statistics::median;
@@ -191,13 +191,13 @@ impl Pieces<'_, '_, '_> {
         Ok(at)
     }
 
-    /// The region with its edges where feet tell them, if that is no worse. Ground that the robot never left has none.
+    /// The region with its edges where feet show them, if that is no worse. Ground that the robot never left has none.
     fn between_feet(&self, all: &[Window], mu: f64, region: [f64; 4]) -> Result<Outline, GapError> {
         let found = Outline { region, deviations: [LAST_STEP; 4] };
         if never_left(self.search.study, &self.feet, region) {
             return Ok(found);
         }
-        let settled = told_by_feet(&self.feet, region);
+        let settled = outline_of_feet(&self.feet, region);
         let losses = self.losses(all, &[(mu, region), (mu, settled.region)])?;
         Ok(if losses[1] < losses[0] + RISE { settled } else { found })
     }

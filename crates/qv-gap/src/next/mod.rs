@@ -1,4 +1,4 @@
-//! The next motion: which of several would tell the leading hypotheses apart.
+//! The next motion: which of several would show the leading hypotheses apart.
 //!
 //! Each motion is recorded in the simulator, of the robot as it is said to be, and its sensitivities and null are found as those of a real
 //! recording. `power` says how likely a recording of it decides. Nothing here decides what is accused.
@@ -16,14 +16,14 @@ use crate::{GapError, Options};
 use qv_recording::Run;
 use qv_sim::{Model, Terrain};
 
-/// A motion, and what a recording of it would tell.
+/// A motion, and what a recording of it would show.
 #[derive(Debug, Clone)]
 pub struct Proposal {
     /// Commands, and what they mean in words.
     pub motion: Motion,
     /// The recording that the simulator makes of it.
     pub recording: Run,
-    /// What it tells.
+    /// What it shows.
     pub worth: Worth,
 }
 
@@ -47,8 +47,8 @@ pub fn hypotheses(evidence: &Evidence, most: usize) -> Vec<Hypothesis> {
     all
 }
 
-/// Each motion that stays within `limits` in the simulator, with what a recording of it would tell of `hypotheses`; best first. `watch` is
-/// told how many of how many are done.
+/// Each motion that stays within `limits` in the simulator, with what a recording of it would report `hypotheses`; best first. `watch` is
+/// reported how many of how many are done.
 ///
 /// # Errors
 /// When the recording has too little, a hypothesis is none of the library's, or no motion stays within the limits.

@@ -13,7 +13,7 @@ const STILL: f64 = 0.5;
 const RISE: f64 = 0.5;
 /// Swing of each joint of a robot on its feet \[rad\]: feet must not lift.
 const ON_FEET: f64 = 0.06;
-/// Interval of commands where the recording does not tell one \[s\].
+/// Interval of commands where the recording does not show one \[s\].
 const INTERVAL: f64 = 0.01;
 
 /// What a motion must stay within.

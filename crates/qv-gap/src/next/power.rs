@@ -35,7 +35,7 @@ pub struct Decides {
     /// The effect that is there.
     #[serde(rename = "true")]
     pub truth: String,
-    /// The one that it is to be told from.
+    /// The one that it is to be distinguished from.
     pub rival: String,
     /// Probability, 0 to 1.
     pub probability: f64,
@@ -43,7 +43,7 @@ pub struct Decides {
     pub expected_nats: f64,
 }
 
-/// What the recording of a study tells of hypotheses.
+/// What the recording of a study reports hypotheses.
 ///
 /// # Errors
 /// When one is none of the library's, or the normal equations are no good.
@@ -133,7 +133,7 @@ fn standard_normal(x: f64) -> f64 {
     if x > 0.0 { 1.0 - tail } else { tail }
 }
 
-/// How well a motion tells hypotheses apart.
+/// How well a motion shows hypotheses apart.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Worth {
     /// Probability that it decides: over hypotheses as the true one, mean of the least over its rivals.

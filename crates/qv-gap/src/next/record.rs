@@ -95,14 +95,14 @@ fn record(
     let settle = (SETTLE / dt).round() as usize;
     let steps = (motion.position.len() as f64 * motion.interval / dt).floor() as usize;
     let zeros = vec![0.0; model.joints.len()];
-    let mut told = usize::MAX;
+    let mut remarks = usize::MAX;
     for k in 0..settle + steps {
         let time = (k as f64 - settle as f64) * dt;
         let row = ((time / motion.interval + 1e-9).floor().max(0.0) as usize).min(motion.position.len() - 1);
-        if k == 0 || row != told {
+        if k == 0 || row != remarks {
             let q = &motion.position[row];
             batch.set_command(0, &JointCommand { q, dq: &zeros, kp: &gains.kp, kd: &gains.kd, tau: &zeros })?;
-            told = row;
+            remarks = row;
         }
         if k >= settle {
             let seen = batch.sensors(0)?;
@@ -263,7 +263,7 @@ impl Recorder {
             sources: Vec::new(),
             faults: Vec::new(),
             lost: Vec::new(),
-            told: Vec::new(),
+            remarks: Vec::new(),
             robot: run.robot.clone(),
             base: run.base,
             foot_names: run.foot_names.clone(),

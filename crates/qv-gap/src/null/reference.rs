@@ -9,7 +9,7 @@ use crate::problem::columns::Columns;
 use crate::problem::library::{Effect, Interface};
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
-use qv_fit::{Blocks, Loss, Options, Problem, Stopped};
+use qv_fit::{Blocks, Loss, Options, Problem, StopReason};
 use qv_recording::Run;
 use qv_rollout::Raw;
 use qv_rollout::compare;
@@ -17,7 +17,7 @@ use qv_rollout::{Overrides, Rollout, Window};
 
 /// Rounds of Gauss-Newton.
 const ROUNDS: usize = 6;
-/// Shares of a step that are tried beside the whole one: what actuators do is weakly told apart, and dampings would leave that out.
+/// Shares of a step that are tried beside the whole one: what actuators do is weakly distinguished, and dampings would leave that out.
 const SHARES: [f64; 3] = [0.5, 0.2, 0.05];
 /// Loss of each number of a window that ran away.
 const RAN_AWAY: f64 = 5.0;
@@ -166,7 +166,7 @@ impl<'p> Fit<'p> {
         let sizes = self.sizes(&found.residuals);
         self.scales.iter_mut().zip(sizes).for_each(|(scale, size)| *scale = (*scale * size).max(1e-9));
         self.values = found.values;
-        Ok(found.stopped != Stopped::Stuck)
+        Ok(found.stopped != StopReason::Stuck)
     }
 }
 

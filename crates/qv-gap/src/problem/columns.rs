@@ -5,7 +5,7 @@ use crate::problem::library::{Effect, LevelsOf, OF_BASE, OF_GROUND, Scope};
 use crate::problem::sizes::Sizes;
 use crate::problem::torques::{largest_speeds, largest_torques};
 use qv_recording::Run;
-use qv_recording::run::Known;
+use qv_recording::run::GainSource;
 use qv_rollout::{Overrides, Rollout};
 use serde::{Deserialize, Serialize};
 
@@ -110,7 +110,7 @@ struct OfRobot<'p, 'a> {
     /// and largest speed \[rad/s\].
     speeds: Vec<f64>,
     /// How its gains are known.
-    gains: [Known; 2],
+    gains: [GainSource; 2],
 }
 
 impl OfRobot<'_, '_> {
@@ -118,7 +118,7 @@ impl OfRobot<'_, '_> {
     fn deviation_of_found(&self, effect: &Effect) -> Option<f64> {
         let scales = |end: &str| effect.axes.iter().flat_map(|a| a.moves.keys()).any(|name| name.ends_with(end));
         self.gains.iter().zip([".kp_scale", ".kd_scale"]).find_map(|(known, end)| match known {
-            Known::Found(deviation) if scales(end) => Some(*deviation),
+            GainSource::Found(deviation) if scales(end) => Some(*deviation),
             _ => None,
         })
     }

@@ -7,13 +7,13 @@ use qv_rollout::features::rotation_at;
 
 /// A trunk tilted by more than this lies on the ground \[rad\].
 const FALLEN: f64 = 1.0;
-/// Samples on end whose lack is told.
+/// Samples on end whose lack is reported.
 const MANY: usize = 50;
 
 /// What is broken in the recordings; `mended` are the same without what stood still for a part of the time.
 pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
     let lost = runs.iter().flat_map(|r| &r.lost).map(|loss| format!("lost of {}: {}", loss.file, loss.what));
-    let mut told: Vec<String> = lost.collect();
+    let mut remarks: Vec<String> = lost.collect();
     let both = runs.iter().zip(mended).flat_map(|(run, mended)| run.faults.iter().map(move |fault| (fault, mended)));
     for (fault, mended) in both {
         let line = match fault.kind {
@@ -40,25 +40,25 @@ pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
             }
             _ => continue,
         };
-        if !told.contains(&line) {
-            told.push(line);
+        if !remarks.contains(&line) {
+            remarks.push(line);
         }
     }
-    told
+    remarks
 }
 
 /// The runs up to a fall, and what is said about falls.
 pub fn upright(runs: &[Run]) -> (Vec<Run>, Vec<String>) {
-    let mut told = Vec::new();
+    let mut remarks = Vec::new();
     let cut = |run: &Run| match fall(run) {
         Some(time) => {
-            told.push(format!("the robot fell at {time:.1} s: what comes after is left out"));
+            remarks.push(format!("the robot fell at {time:.1} s: what comes after is left out"));
             let whole = snippet(run, run.span()[0], time - 0.3);
             Run { faults: run.faults.clone(), robot: run.robot.clone(), ..whole }
         }
         None => run.clone(),
     };
-    (runs.iter().map(cut).collect(), told)
+    (runs.iter().map(cut).collect(), remarks)
 }
 
 fn fall(run: &Run) -> Option<f64> {

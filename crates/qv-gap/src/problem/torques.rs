@@ -11,7 +11,7 @@ const ROWS: usize = 4000;
 const ONE_OF: usize = 500;
 
 /// Largest torque of each joint: measured, or what its commands asked of it where torques were not measured \[N m\], shape `[joints]`; 0 where
-/// nothing tells.
+/// nothing shows.
 pub fn largest_torques(rollout: &Rollout, run: &Run) -> Vec<f64> {
     match &run.measured.torque {
         Some(torque) => rollout.columns.iter().map(|&c| largest(torque.column(c))).collect(),
@@ -40,14 +40,14 @@ fn asked(rollout: &Rollout, run: &Run) -> Vec<Vec<f64>> {
     for row in (0..position.len()).step_by(position.len().div_ceil(ROWS)) {
         let time = position.time[row];
         held.at(time, 0.0, &mut command);
-        let told = command.view();
+        let remarks = command.view();
         for (joint, (of_joint, &column)) in all.iter_mut().zip(&rollout.columns).enumerate() {
             let speed = match &run.measured.velocity {
                 Some(velocity) if !velocity.is_empty() => velocity.hold(time)[column],
                 _ => slope(position, column, row),
             };
-            let p = told.kp[joint] * (told.q[joint] - position.row(row)[column]);
-            of_joint.push(p + told.kd[joint] * (told.dq[joint] - speed) + told.tau[joint]);
+            let p = remarks.kp[joint] * (remarks.q[joint] - position.row(row)[column]);
+            of_joint.push(p + remarks.kd[joint] * (remarks.dq[joint] - speed) + remarks.tau[joint]);
         }
     }
     all

@@ -21,7 +21,7 @@ use qv_sim::Shape;
 const ON_THE_GROUND: f64 = 0.006;
 /// Edge of a cell of the floor \[m\].
 const CELL: f64 = 0.5;
-/// Share of the gap from which a cell is told.
+/// Share of the gap from which a cell is reported.
 const WORTH_TELLING: f64 = 0.08;
 
 /// Shares of the nominal simulator's gap. Interfaces and found regions are filled in later.
@@ -161,7 +161,7 @@ pub fn interfaces(study: &mut LinearisedProblem) -> Result<Vec<Share>, GapError>
 }
 
 /// A suspect without its region if the robot never left that: it is all the ground there is.
-pub fn as_told(study: &LinearisedProblem, suspect: &Suspect) -> Suspect {
+pub fn as_stated(study: &LinearisedProblem, suspect: &Suspect) -> Suspect {
     let is_all = matches!(suspect.extent, Some(Extent::Region(r)) if never_left(study, &feet(study), r));
     Suspect { extent: suspect.extent.filter(|_| !is_all), ..suspect.clone() }
 }

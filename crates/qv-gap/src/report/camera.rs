@@ -1,6 +1,6 @@
 //! What the camera shows in a report: a part of its own, causes and shares among those of the robot.
 
-use super::{Cause, Gap, Ranked, Report, Share, Sight, Verdict, VisualGap};
+use super::{Cause, Gap, RankedEffect, Report, Share, Sight, Verdict, VisualGap};
 use crate::decision::evidence::CameraEvidence;
 use crate::decision::{CameraDecision, NONE, both};
 
@@ -20,7 +20,7 @@ impl Sight {
 /// Adds what the camera says to what the rest of the robot says.
 ///
 /// Each keeps its causes and their probabilities; the verdict is that of both, and `where` has the camera's share of what both exceed their
-/// null by. The gap that is told is that of the robot, or the camera's when the robot has none.
+/// null by. The gap that is reported is that of the robot, or the camera's when the robot has none.
 pub fn join(report: &mut Report, sight: Sight) {
     let robot = if report.verdict == Verdict::NoGap { 0.0 } else { (report.gap.before - report.gap.floor).max(1e-3) };
     let camera = if sight.verdict == Verdict::NoGap { 0.0 } else { (sight.level[0] - 1.0).max(1e-3) };
@@ -62,9 +62,9 @@ pub fn join(report: &mut Report, sight: Sight) {
     report.ranking.iter_mut().for_each(|r| r.probability *= 1.0 - share);
     let of_camera = sight.ranking.iter().filter(|r| r.effect != NONE);
     let total: f64 = of_camera.clone().map(|r| r.probability).sum::<f64>().max(1.0);
-    report
-        .ranking
-        .extend(of_camera.map(|r| Ranked { effect: r.effect.clone(), probability: share * r.probability / total }));
+    report.ranking.extend(
+        of_camera.map(|r| RankedEffect { effect: r.effect.clone(), probability: share * r.probability / total }),
+    );
     report.ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     report.cannot_tell.extend(sight.cannot_tell.iter().cloned());
     if !sight.causes.is_empty() {

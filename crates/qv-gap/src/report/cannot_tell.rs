@@ -1,4 +1,4 @@
-//! What a recording cannot tell, and why: channels that it lacks, effects that it does not excite or that look alike in it.
+//! What a recording cannot determine, and why: channels that it lacks, effects that it does not excite or that look alike in it.
 
 use super::narrative::one_without_poses;
 use crate::inference::linearised::LinearisedProblem;
@@ -15,37 +15,37 @@ const ALIKE: f64 = 0.75;
 /// Effects that this recording cannot show, and channels whose lack is the reason.
 pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<String> {
     let m = &run.measured;
-    let mut told = Vec::new();
+    let mut remarks = Vec::new();
     if study.rollout.on_legs {
-        told.push(
+        remarks.push(
             "no poses of the base were measured: windows start where its legs and its IMU say that it is, feet that slip at the start of one go \
-             unnoticed, and where on the floor a cause lies cannot be told"
+             unnoticed, and where on the floor a cause lies cannot be remarks"
                 .to_string(),
         );
     }
     if m.torque.is_none() {
-        told.push(
+        remarks.push(
             "joint torques were not measured: what the motors do cannot be told from what the links do".to_string(),
         );
     }
     if study.rollout.free && m.orientation.is_none() {
-        told.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
+        remarks.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
     }
     let lacking = lacking(study, library);
     if !lacking.is_empty() {
-        told.push(format!("no channel or part of this robot could show {}", lacking.join(", ")));
+        remarks.push(format!("no channel or part of this robot could show {}", lacking.join(", ")));
     }
-    told.extend(judged(study, run));
-    told.extend(strangers(study, run));
-    told.extend(resting(study));
+    remarks.extend(judged(study, run));
+    remarks.extend(strangers(study, run));
+    remarks.extend(resting(study));
     if study.rollout.free && m.gyro.is_none() {
-        told.push("there is no gyroscope: its bias cannot be told".to_string());
+        remarks.push("there is no gyroscope: its bias cannot be told".to_string());
     }
     let weak = weak_of_measured(study, run);
     if !weak.is_empty() {
-        told.push(format!("too little excitation to tell {}", weak.join(", ")));
+        remarks.push(format!("too little excitation to tell {}", weak.join(", ")));
     }
-    told
+    remarks
 }
 
 /// Effects that this recording cannot show, by name: no channel or part could, or there is too little excitation.
@@ -104,14 +104,14 @@ fn strangers(study: &LinearisedProblem, run: &Run) -> Vec<String> {
     let unknown: Vec<&str> = unknown.collect();
     let is_used = |name: &&str| columns.iter().any(|k| run.joint_names[*k] == *name);
     let silent: Vec<&str> = run.uncommanded().into_iter().filter(is_used).collect();
-    let mut told = Vec::new();
+    let mut remarks = Vec::new();
     if !unknown.is_empty() {
-        told.push(format!("joints of the recording that the model lacks are left out: {}", unknown.join(", ")));
+        remarks.push(format!("joints of the recording that the model lacks are left out: {}", unknown.join(", ")));
     }
     if !silent.is_empty() {
-        told.push(format!("no commands were recorded of {}: they are taken for 0", silent.join(", ")));
+        remarks.push(format!("no commands were recorded of {}: they are taken for 0", silent.join(", ")));
     }
-    told
+    remarks
 }
 
 /// Joints at rest, and what they cannot show.

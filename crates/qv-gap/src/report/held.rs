@@ -1,9 +1,9 @@
 //! The report of a robot with a fixed base that is decided by its torque balance.
 
-use super::{Gap, Report, SetMember, TorqueBalance, Unexplained, Verdict};
+use super::{Gap, Remainder, Report, SetMember, TorqueBalance, Verdict};
 use crate::decision::Policy;
 use crate::decision::evidence::{Evidence, ReportData};
-use crate::findings::{Cause, Correction, Lead, ParameterEstimate, Ranked, Share, UNKNOWN, Where};
+use crate::findings::{Cause, Correction, Lead, ParameterEstimate, RankedEffect, Share, UNKNOWN, Where};
 use qv_held::{Decision, Event, Outcome, Tested, decide};
 use std::fmt::Write;
 
@@ -32,7 +32,7 @@ pub(super) fn report(evidence: &Evidence, held: &qv_held::Evidence, data: &Repor
         rounds: Vec::new(),
         visual: None,
         torque_balance: Some(page.balance(data)),
-        unexplained: Unexplained { share: if is_none { 0.0 } else { 1.0 - gap.closed }, depends_on: Vec::new() },
+        unexplained: Remainder { share: if is_none { 0.0 } else { 1.0 - gap.closed }, depends_on: Vec::new() },
         cannot_tell: data.cannot_tell.clone(),
         next: page.next(&causes),
         corrections: page.corrections(),
@@ -159,13 +159,13 @@ impl Page<'_> {
         self.evidence.effect(effect).map_or(String::new(), |e| e.experiment.clone())
     }
 
-    /// One number for each axis; of joints with a number each, the joints' names are told apart by the corrections.
+    /// One number for each axis; of joints with a number each, the joints' names are distinguished by the corrections.
     fn parameters(&self, k: usize) -> Vec<ParameterEstimate> {
         let (tested, judged) = (&self.held.tested[k], &self.decision.judged[k]);
         let one = |(i, axis): (usize, &qv_held::Axis)| ParameterEstimate {
             name: axis.name.clone(),
-            value: axis.told.unwrap_or(tested.size[i]),
-            ci95: if axis.told.is_some() { [f64::NAN; 2] } else { judged.ci95[i] },
+            value: axis.remarks.unwrap_or(tested.size[i]),
+            ci95: if axis.remarks.is_some() { [f64::NAN; 2] } else { judged.ci95[i] },
             unit: axis.unit.clone(),
         };
         tested.hypothesis.axes.iter().enumerate().map(one).collect()
@@ -217,21 +217,21 @@ impl Page<'_> {
     }
 
     /// What is accused at the level of the test; where nothing is, leads share one half evenly with what is unknown.
-    fn ranking(&self, causes: &[Cause], leads: &[Lead]) -> Vec<Ranked> {
-        let mut all: Vec<Ranked> = Vec::new();
+    fn ranking(&self, causes: &[Cause], leads: &[Lead]) -> Vec<RankedEffect> {
+        let mut all: Vec<RankedEffect> = Vec::new();
         for cause in causes {
             if all.iter().all(|r| r.effect != cause.effect) {
-                all.push(Ranked { effect: cause.effect.clone(), probability: 1.0 - self.alpha });
+                all.push(RankedEffect { effect: cause.effect.clone(), probability: 1.0 - self.alpha });
             }
         }
         let each = 0.5 / leads.len().max(1) as f64;
-        all.extend(leads.iter().map(|l| Ranked { effect: l.effects[0].clone(), probability: each }));
+        all.extend(leads.iter().map(|l| RankedEffect { effect: l.effects[0].clone(), probability: each }));
         let unknown = match self.decision.outcome {
             Outcome::Unexplained if leads.is_empty() => 1.0 - self.alpha,
             Outcome::Unexplained => 0.5,
             _ => self.alpha,
         };
-        all.push(Ranked { effect: UNKNOWN.into(), probability: unknown });
+        all.push(RankedEffect { effect: UNKNOWN.into(), probability: unknown });
         all.sort_by(|a, b| b.probability.total_cmp(&a.probability));
         all
     }
@@ -251,7 +251,7 @@ impl Page<'_> {
         let mut all = Vec::new();
         for (axis, size) in tested.hypothesis.axes.iter().zip(&tested.size) {
             for (parameter, nominal) in axis.parameters.iter().zip(&axis.nominal) {
-                let value = axis.told.unwrap_or(nominal + size);
+                let value = axis.remarks.unwrap_or(nominal + size);
                 all.push(Correction {
                     parameter: parameter.clone(),
                     value,

@@ -1,5 +1,5 @@
 //! What a gap that nothing explains looks most like: no accusation, but where to look, how far it would get one, and the
-//! experiment that tells those apart which this recording cannot.
+//! experiment that shows those apart which this recording cannot.
 
 use crate::GapError;
 use crate::checks::by_recording::by_recording;

@@ -51,7 +51,7 @@ pub struct SuspectSummary {
 
 /// What is left.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Unexplained {
+pub struct Remainder {
     /// Share of the gap.
     pub share: f64,
     /// On what it depends.
@@ -103,7 +103,7 @@ pub struct Report {
     /// What is accused, best first.
     pub causes: Vec<Cause>,
     /// All that was considered, best first, `unknown` among them.
-    pub ranking: Vec<Ranked>,
+    pub ranking: Vec<RankedEffect>,
     /// Where to look when nothing is accused; no accusation.
     pub leads: Vec<Lead>,
     /// Several effects fitted at once, where nothing is accused of a robot that is held; no accusation.
@@ -117,8 +117,8 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub torque_balance: Option<TorqueBalance>,
     /// What is left.
-    pub unexplained: Unexplained,
-    /// What cannot be told from this recording, and why.
+    pub unexplained: Remainder,
+    /// What cannot be distinguished from this recording, and why.
     pub cannot_tell: Vec<String>,
     /// What to do next.
     pub next: Vec<String>,
@@ -169,13 +169,13 @@ pub struct Sight {
     /// Accused, best first.
     pub causes: Vec<Cause>,
     /// All effects of a camera and `none`, likeliest first.
-    pub ranking: Vec<Ranked>,
+    pub ranking: Vec<RankedEffect>,
     /// Log evidence of each effect over that of none.
     pub evidence: Vec<(String, f64)>,
     /// What all photographs share, all effects free at once.
     pub shared: Vec<ParameterEstimate>,
     /// Scatter.
     pub noise: Noise,
-    /// What cannot be told.
+    /// What cannot be reported.
     pub cannot_tell: Vec<String>,
 }

@@ -4,12 +4,12 @@ use crate::checks::by_recording::change;
 use crate::decision::evidence::{Candidate, CauseData, Evidence, ReportData, Round};
 use crate::decision::{Decision, Judgement, Policy};
 use crate::report::{
-    Cause, Gap, Lead, OfRecording, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, Together, TogetherEffect,
-    UNKNOWN, Verdict,
+    Cause, Gap, Lead, OfRecording, ParameterEstimate, RankedEffect, RoundSummary, SuspectSummary, Together,
+    TogetherEffect, UNKNOWN, Verdict,
 };
 use qv_page::significant;
 
-/// Effects that nothing tells from each other where the base goes as its legs say: a tilted IMU walks on a slope, and a foot that slips or
+/// Effects that nothing shows from each other where the base goes as its legs say: a tilted IMU walks on a slope, and a foot that slips or
 /// bounces makes a start that is wrong.
 const ONE_WITHOUT_POSES: [&[&str]; 2] =
     [&["imu_tilt", "terrain_slope"], &["ground_friction", "contact_restitution", "contact_compliance"]];
@@ -100,7 +100,7 @@ fn sentence(
     verdict: Verdict,
     (causes, gap): (&[Cause], &Gap),
     (leads, dead): (&[Lead], &[String]),
-    ranking: &[Ranked],
+    ranking: &[RankedEffect],
 ) -> String {
     let described = |c: &Cause| {
         let amounts: Vec<String> = c.parameters.iter().map(amount).collect();
@@ -401,10 +401,11 @@ mod tests {
             joint_rms: [0.007, 0.018],
             joint_rms_apart: None,
         };
-        let told = |alone, closed| sentence(Verdict::PartlyExplained, (&[cause(alone)], &gap(closed)), (&[], &[]), &[]);
-        let slips = told(0.24, 0.0);
+        let remarks =
+            |alone, closed| sentence(Verdict::PartlyExplained, (&[cause(alone)], &gap(closed)), (&[], &[]), &[]);
+        let slips = remarks(0.24, 0.0);
         assert!(slips.states("closer 24"), "{slips}");
-        assert!(!told(0.0, 0.0).contains('%') && !slips.contains("closes 0 %"));
-        assert!(told(0.24, 0.3).states("windows 30"));
+        assert!(!remarks(0.0, 0.0).contains('%') && !slips.contains("closes 0 %"));
+        assert!(remarks(0.24, 0.3).states("windows 30"));
     }
 }

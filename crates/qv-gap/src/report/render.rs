@@ -1,10 +1,10 @@
 //! From evidence and a decision to a report. Nothing is simulated.
 
 use super::camera::join;
-use super::{Cause, FORMAT, Gap, Report, Share, Sight, TorqueBalance, Unexplained, Verdict, Where, narrative};
+use super::{Cause, FORMAT, Gap, Remainder, Report, Share, Sight, TorqueBalance, Verdict, Where, narrative};
 use crate::GapError;
 use crate::decision::evidence::{Evidence, ReportData};
-use crate::decision::{Decision, Parted, Policy, decide};
+use crate::decision::{Decision, Divergence, Policy, decide};
 
 /// A gap of no more than so many times the floor is none that could be explained.
 const NEAR_FLOOR: f64 = 1.02;
@@ -19,7 +19,7 @@ pub fn report(evidence: &Evidence, policy: &Policy) -> Result<Report, GapError> 
     if let (Some(held), Some(data)) = (&evidence.held, &evidence.report) {
         return Ok(super::held::report(evidence, held, data, policy));
     }
-    let decision = decide(evidence, policy).map_err(|Parted(round)| {
+    let decision = decide(evidence, policy).map_err(|Divergence(round)| {
         let found = format!("one that would have gone another way in round {}", round + 1);
         GapError::run("policy", "the one under which the evidence was measured", found)
     })?;
@@ -54,7 +54,7 @@ pub fn render(evidence: &Evidence, decision: &Decision) -> Result<Report, GapErr
         visual: None,
         torque_balance: (!data.joint_rows.is_empty())
             .then(|| TorqueBalance { joints: data.joint_rows.clone(), ..Default::default() }),
-        unexplained: Unexplained { share: left(verdict, gap), depends_on: shown.depends_on.clone() },
+        unexplained: Remainder { share: left(verdict, gap), depends_on: shown.depends_on.clone() },
         cannot_tell: data.cannot_tell.clone(),
         next: narrative::next(evidence, data, decision, (&causes, &leads, gap)),
         corrections: shown.corrections.clone(),

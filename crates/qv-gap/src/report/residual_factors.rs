@@ -12,14 +12,14 @@ use qv_fit::{Cholesky, Matrix};
 
 /// Parts that windows are dealt to: each is foretold from the others.
 const FOLDS: usize = 4;
-/// A factor that foretells less than this is not told.
+/// A factor that foretells less than this is not reported.
 const LEAST: f64 = 0.05;
 
 /// A factor: a name and columns of a regression from what is known of a joint in a window.
-type Terms = (&'static str, fn(&Known) -> Vec<f64>);
+type Terms = (&'static str, fn(&JointMeans) -> Vec<f64>);
 
 /// What is known of a joint in a window: means over it.
-struct Known {
+struct JointMeans {
     q: f64,
     dq: f64,
     sign: f64,
@@ -47,7 +47,8 @@ const FACTORS: [Terms; 11] = [
 pub fn factors(study: &LinearisedProblem) -> Vec<Factor> {
     let Some(asked) = asked(study) else { return Vec::new() };
     let joints = study.rollout.columns.len();
-    let known: Vec<Vec<Known>> = study.seen.iter().map(|s| (0..joints).map(|j| known(study, s, j)).collect()).collect();
+    let known: Vec<Vec<JointMeans>> =
+        study.seen.iter().map(|s| (0..joints).map(|j| known(study, s, j)).collect()).collect();
     let mut found: Vec<Factor> = FACTORS
         .iter()
         .map(|(name, terms)| Factor { factor: (*name).into(), r2_heldout: held_out_r2(&asked, &known, *terms) })
@@ -80,7 +81,7 @@ fn asked(study: &LinearisedProblem) -> Option<Vec<Vec<f64>>> {
     Some(study.seen.iter().map(ask).collect())
 }
 
-fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> Known {
+fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> JointMeans {
     let (view, column) = (&seen.window.view, study.rollout.columns[joint]);
     let (from, to) = (seen.window.start, seen.window.start + study.rollout.cut.window);
     let mean = |series, of| mean_of(study, seen, joint, series, of);
@@ -91,7 +92,7 @@ fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> Kn
     };
     let m = &view.measured;
     let place = crate::inference::regions::place(&seen.window);
-    Known {
+    JointMeans {
         q: mean(&m.position, |x| x),
         dq: mean(&m.velocity, |x| x),
         sign: mean(&m.velocity, |x| if x.abs() > 0.05 { x.signum() } else { 0.0 }),
@@ -103,7 +104,7 @@ fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> Kn
 }
 
 /// Share of the variance of what joints are asked that a factor foretells, each joint with coefficients of its own.
-fn held_out_r2(asked: &[Vec<f64>], known: &[Vec<Known>], terms: fn(&Known) -> Vec<f64>) -> f64 {
+fn held_out_r2(asked: &[Vec<f64>], known: &[Vec<JointMeans>], terms: fn(&JointMeans) -> Vec<f64>) -> f64 {
     let joints = asked.first().map_or(0, Vec::len);
     let (mut left, mut all) = (0.0, 0.0);
     for j in 0..joints {

@@ -35,12 +35,12 @@ pub fn together(study: &mut LinearisedProblem, fits: &[Fit], seed: u64) -> Resul
         });
     }
     effects.sort_by(|a, b| b.log_likelihood_ratio.total_cmp(&a.log_likelihood_ratio));
-    let told = Together {
+    let remarks = Together {
         effects,
         closed: gap.closed,
         closed_ci95: gap.closed_ci95,
         joint_rms: gap.joint_rms,
         level: found.loss / null,
     };
-    Ok((told.effects.len() > 1).then_some(told))
+    Ok((remarks.effects.len() > 1).then_some(remarks))
 }

@@ -68,8 +68,8 @@ fn at(series: Option<&JointSeries>, time: &[f64], columns: &[usize]) -> Vec<f64>
     values
 }
 
-/// What encoders and motors of the simulation would have told at the measured instants, of the channels that were measured. An encoder
-/// tells what was `latency` \[s\] ago; torques are taken as they are.
+/// What encoders and motors of the simulation would have reported at the measured instants, of the channels that were measured. An encoder
+/// shows what was `latency` \[s\] ago; torques are taken as they are.
 fn beside(measured: &Trace, simulated: &Trace, latency: &[f64]) -> Trace {
     let joints = measured.joints;
     let channel = |measured_of: &[f64], values: &[f64], late: bool| -> Vec<f64> {

@@ -28,8 +28,8 @@ fn recorded(set: &[(&str, f64)], noise: f64) -> Run {
     for tick in 0..12_000 {
         let time = f64::from(tick) * 1e-3;
         // Held for a row's two steps.
-        let told = f64::from(tick / 2) * 2e-3;
-        let command = [0.9 * (4.1 * told).sin() + 0.2 * (9.3 * told).sin(), 0.8 * (7.1 * told).sin()];
+        let remarks = f64::from(tick / 2) * 2e-3;
+        let command = [0.9 * (4.1 * remarks).sin() + 0.2 * (9.3 * remarks).sin(), 0.8 * (7.1 * remarks).sin()];
         if tick % 2 == 0 {
             let mut seen = batch.sensors(0).unwrap();
             for (channel, deviation) in [(&mut seen.q, 1e-4), (&mut seen.dq, 5e-3), (&mut seen.tau, 0.01)] {
@@ -59,7 +59,7 @@ fn left(set: &[(&str, f64)]) -> [[f64; 2]; 2] {
     let windows = rollout.windows(&run).unwrap();
     let mut truth: Overrides = set.iter().map(|(name, x)| (rollout.parameter(name).unwrap(), *x)).collect();
     truth.sort_by_key(|s| s.0);
-    // A row tells the torque of the step before.
+    // A row shows the torque of the step before.
     let alignment = Alignment { command: 1e-3, state: 1e-3 };
     let law = |setting: &Overrides| rms(windows.iter().flat_map(|w| residual(&rollout, w, setting, alignment)));
     let all: Vec<_> = windows.iter().collect();
@@ -133,7 +133,7 @@ fn holds(cause: &Cause, truth: f64, unit: &str) -> bool {
     (size.ci95[0]..size.ci95[1]).contains(&truth) && size.unit == unit
 }
 
-/// The motor does as it is told, and its encoder says so; what hangs on it does not follow.
+/// The motor does as it is reported, and its encoder says so; what hangs on it does not follow.
 #[test]
 fn a_spring_between_motor_and_joint_is_named() {
     let (cause, is_named) = first_cause(&[("actuator.elbow.series_compliance", 0.05)], "series_compliance");

@@ -9,7 +9,7 @@ use qv_gap::inference::linearised::NullOptions;
 use qv_gap::report::{Report, Verdict, report as rendered};
 use qv_gap::{Diagnosis, Options, diagnose};
 use qv_recording::Run;
-use qv_recording::run::Known;
+use qv_recording::run::GainSource;
 use qv_replay::find_gains;
 use qv_sim::{Batch, JointCommand, SimOptions, Terrain};
 use std::fmt::Write;
@@ -193,10 +193,10 @@ fn unknown_gains_are_found_and_no_cause() {
     let run = with_gains(&[], 21);
     let gains = [run.actuator.kp.unwrap(), run.actuator.kd.unwrap()];
     for (gain, (truth, known)) in gains.into_iter().zip([12.0, 0.4].into_iter().zip(run.actuator.gains)) {
-        let Known::Found(deviation) = known else { panic!("{known:?}") };
+        let GainSource::Found(deviation) = known else { panic!("{known:?}") };
         assert!((gain / truth - 1.0).abs() < 0.03 && deviation < 0.1, "{gain} {deviation}");
     }
-    assert!(run.told.iter().any(|t| t.states("kp unknown")), "{:?}", run.told);
+    assert!(run.remarks.iter().any(|t| t.states("kp unknown")), "{:?}", run.remarks);
     let report = of(&[run], Vec::new());
     assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);
 

@@ -24,20 +24,20 @@ fn reorder(series: &mut Option<JointSeries>, first: usize) {
     series.values.chunks_exact_mut(series.joints).for_each(|row| row[first..first + 4].rotate_left(1));
 }
 
-fn told(run: &mut Run) -> Vec<(String, String)> {
+fn remarks(run: &mut Run) -> Vec<(String, String)> {
     run.faults.clear();
     examine(run, None);
     let foreign = run.faults.iter().filter(|f| f.kind == FaultKind::Convention);
     foreign.map(|f| (f.channel.clone(), f.detail.clone())).collect()
 }
 
-/// Channel, what is told of it, and how it comes to be so.
+/// Channel, what is reported for it, and how it comes to be so.
 type Case = (&'static str, &'static str, fn(&mut Run));
 
 #[test]
 fn each_is_told_by_name() {
     let good = recorded(Vec::new(), 4);
-    assert_eq!(told(&mut good.clone()), []);
+    assert_eq!(remarks(&mut good.clone()), []);
     let cases: [Case; 13] = [
         ("torque FL_calf_joint", "sign", |r| scale(&mut r.measured.torque, 2..3, -1.0)),
         ("torque RR_hip_joint", "thousandths", |r| scale(&mut r.measured.torque, 9..10, 1e3)),
@@ -59,35 +59,39 @@ fn each_is_told_by_name() {
     for (channel, what, spoil) in cases {
         let mut run = good.clone();
         spoil(&mut run);
-        let told = told(&mut run);
-        assert!(matches!(&told[..], [(c, d)] if c == channel && d.contains(what)), "{channel}, {what}: {told:?}");
+        let remarks = remarks(&mut run);
+        assert!(matches!(&remarks[..], [(c, d)] if c == channel && d.contains(what)), "{channel}, {what}: {remarks:?}");
     }
     // An IMU that takes gravity away is no IMU that counts in g.
     let mut run = good.clone();
     let acceleration = run.measured.acceleration.as_mut().unwrap();
     acceleration.values.iter_mut().skip(2).step_by(3).for_each(|z| *z -= 9.81);
-    assert_eq!(told(&mut run), []);
+    assert_eq!(remarks(&mut run), []);
     // Half of a channel is worth having, a quarter is not.
     let stop = |share: f64| {
         let mut run = good.clone();
         let gyro = run.measured.gyro.as_mut().unwrap();
         let first = (share * gyro.len() as f64) as usize;
         gyro.values.iter_mut().skip(3 * first + 1).step_by(3).for_each(|y| *y = f64::NAN);
-        told(&mut run)
+        remarks(&mut run)
     };
     assert_eq!(stop(0.7), []);
     assert_eq!(stop(0.25), [("gyro y".into(), "no values in 75 % of the recording".into())]);
     let mut run = good.clone();
     scale(&mut run.measured.gyro, 0..1, -1.0);
     reorder(&mut run.measured.orientation, 0);
-    let both: Vec<String> = told(&mut run).into_iter().map(|t| t.0).collect();
+    let both: Vec<String> = remarks(&mut run).into_iter().map(|t| t.0).collect();
     assert_eq!(both, ["orientation", "gyro x"]);
     let mut run = good.clone();
     scale(&mut run.measured.velocity, 0..12, 180.0 / std::f64::consts::PI);
     scale(&mut run.measured.gyro, 0..3, 180.0 / std::f64::consts::PI);
-    let told = told(&mut run);
-    assert_eq!(told.iter().filter(|t| t.0.starts_with("velocity") && t.1.contains("degrees")).count(), 12, "{told:?}");
-    assert_eq!(told.iter().filter(|t| t.0.starts_with("gyro") && t.1.contains("degrees")).count(), 3, "{told:?}");
+    let remarks = remarks(&mut run);
+    assert_eq!(
+        remarks.iter().filter(|t| t.0.starts_with("velocity") && t.1.contains("degrees")).count(),
+        12,
+        "{remarks:?}"
+    );
+    assert_eq!(remarks.iter().filter(|t| t.0.starts_with("gyro") && t.1.contains("degrees")).count(), 3, "{remarks:?}");
 }
 
 #[test]

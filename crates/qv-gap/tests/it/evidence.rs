@@ -73,7 +73,7 @@ fn what_is_there_is_among_the_likeliest() {
         let likeliest: Vec<_> = likeliest.map(|r| r.effect.as_str()).collect();
         among += usize::from(effects.iter().all(|e| likeliest.contains(&e.as_str())));
     }
-    // Of six; the sixth is a latency of observation that is told as one of command.
+    // Of six; the sixth is a latency of observation that is reported as one of command.
     assert_eq!(among, 5);
 }
 

@@ -258,17 +258,17 @@ fn a_finding_that_makes_things_worse_is_applied_by_no_file() {
 
 #[test]
 fn the_page_says_by_how_much_the_error_falls_and_why_two_figures_differ() {
-    let mut told = report();
-    let page = to_html(&told, "walk", &[], &[]);
+    let mut remarks = report();
+    let page = to_html(&remarks, "walk", &[], &[]);
     let agreed = "Error on held-out data falls 88 % (mean square of all channels, 38.2 to 4.43); of the joints alone it falls 95 % (14.2 to 3.1 mrad).";
     assert!(page.contains(agreed) && page.states("explained"), "{page}");
     assert!(!page.contains("The two differ") && !page.contains("paths of simulator and robot part"));
     // Feet slip in two of ten windows, where nothing is mended.
     let windows: Vec<[f64; 2]> = (0..10).map(|k| if k < 2 { [0.03, 0.036] } else { [0.017, 0.002] }).collect();
-    told.gap.joint_rms = [0.0204, 0.017];
-    (told.gap.before, told.gap.after) = (100.0, 4.0);
-    told.gap.joint_rms_apart = JointRmsApart::of(&windows);
-    let page = to_html(&told, "walk", &[], &[]);
+    remarks.gap.joint_rms = [0.0204, 0.017];
+    (remarks.gap.before, remarks.gap.after) = (100.0, 4.0);
+    remarks.gap.joint_rms_apart = JointRmsApart::of(&windows);
+    let page = to_html(&remarks, "walk", &[], &[]);
     for said in [
         "falls 96 % (mean square of all channels, 100 to 4.00); of the joints alone it falls 31 % (20.4 to 17.0 mrad)",
         "The two differ",
@@ -279,7 +279,7 @@ fn the_page_says_by_how_much_the_error_falls_and_why_two_figures_differ() {
     }
     assert_eq!(JointRmsApart::of(&[[0.01, 0.002]; 5]), None);
     assert_eq!(JointRmsApart::of(&[]), None);
-    let json = to_json(&told);
+    let json = to_json(&remarks);
     assert!(json.contains("\"rms_apart\""), "{json}");
 }
 
@@ -516,9 +516,9 @@ fn a_weld_that_no_part_can_take_is_taken_by_the_whole() {
 #[test]
 fn a_urdf_of_another_robot_is_refused() {
     let hip = correction("joint.FL_hip_joint.coulomb_friction", 0.1, 0.0, "N m");
-    for (urdf, told) in [("no xml", "URDF"), (WELDED, "FL_hip_joint")] {
+    for (urdf, remarks) in [("no xml", "URDF"), (WELDED, "FL_hip_joint")] {
         let error = to_urdf(urdf, &go2(), std::slice::from_ref(&hip)).unwrap_err().to_string();
-        assert!(error.contains(told), "{error}");
+        assert!(error.contains(remarks), "{error}");
         let mut r = empty();
         r.corrections = vec![hip.clone()];
         let written = files(&r, &go2(), Some(urdf), "run", &[], &[], &KP, &KD);

@@ -19,7 +19,7 @@ use qv_rollout::compare;
 use qv_rollout::law;
 use qv_rollout::{Legs, SensorErrors, Starts, feet_of};
 use qv_rollout::{Rollout, WindowOptions};
-use qv_sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
+use qv_sealed::{EngineChoice, FaultRequest, Plan, Recipe, Request, Section};
 use qv_sim::{Model, Terrain};
 
 /// Fewer windows and simulated recordings than by default: these tests are run often.
@@ -156,8 +156,8 @@ fn a_cause_that_only_imitates_another_is_doubted() {
     assert_eq!(report.ranking[0].effect, UNKNOWN);
     assert!(report.causes.is_empty() && report.corrections.is_empty());
     // By what the law leaves, or by the lag that is asked for beside the gain.
-    let tells = |line: &String| line.states("RL") || line.states("actuator");
-    let doubted = report.next.iter().any(|line| line.starts_with("Not accused: motor_gain_kd") && tells(line));
+    let reports = |line: &String| line.states("RL") || line.states("actuator");
+    let doubted = report.next.iter().any(|line| line.starts_with("Not accused: motor_gain_kd") && reports(line));
     assert!(doubted, "{:?}", report.next);
 }
 
@@ -267,9 +267,9 @@ fn single_values_that_are_missing_and_kilometres_from_the_origin_cost_nothing() 
     assert_eq!(report.causes[0].effect, "command_latency");
     assert!((report.causes[0].parameters[0].value - 0.012).abs() < 0.001, "{:?}", report.causes);
     assert!(report.cannot_tell.iter().any(|line| line.starts_with("places are told from")), "{:?}", report.cannot_tell);
-    let told = |what: &str| report.cannot_tell.iter().any(|t| t.contains(what));
-    assert!(told("single values of positions are missing") && told("of base pose"), "{:?}", report.cannot_tell);
-    assert!(!told("could be judged"), "all windows are there: {:?}", report.cannot_tell);
+    let remarks = |what: &str| report.cannot_tell.iter().any(|t| t.contains(what));
+    assert!(remarks("single values of positions are missing") && remarks("of base pose"), "{:?}", report.cannot_tell);
+    assert!(!remarks("could be judged"), "all windows are there: {:?}", report.cannot_tell);
 }
 
 #[test]
@@ -281,10 +281,10 @@ fn what_was_taken_out_as_wrong_is_not_filled_in() {
     let channel = format!("position {}", run.joint_names[0]);
     let detail = String::new();
     run.faults.push(Fault { kind: FaultKind::Jump, channel, time: position.time[100], count: 1, detail });
-    let (mended, told) = without_gaps(run);
+    let (mended, remarks) = without_gaps(run);
     let row = mended.measured.position.as_ref().unwrap().row(100);
     assert!(row[0].is_nan() && row[1].is_finite());
-    assert!(told.len() == 1 && told[0].starts_with("1 single values of positions"), "{told:?}");
+    assert!(remarks.len() == 1 && remarks[0].starts_with("1 single values of positions"), "{remarks:?}");
 }
 
 #[test]
@@ -371,14 +371,14 @@ fn an_effect_whose_values_mean_nothing_is_refused_with_its_file() {
     let run = recorded(Vec::new(), 4);
     let text = "[[effect]]\nname = 'glue'\ninterface = 'actuator'\nscope = 'joints'\nunit = 'N m s/rad'\nrange = [-0.5, 0]\n\
         tolerance = 0.01\nlevels = [-0.1]\n[[effect.axis]]\nname = 'x'\nmoves = { 'joint.{joint}.viscous_friction' = 1.0 }\n";
-    for (from, to, told) in
+    for (from, to, remarks) in
         [("", "", "viscous_friction` at least 0"), ("viscous_friction", "glue", "parameter of the simulator")]
     {
         let own = library::parse(&text.replace(from, to), "mine.toml").unwrap();
         let options = Options { library: own, ..quick() };
         let error =
             diagnose(std::slice::from_ref(&run), &go2(), &Terrain::plane(), &options, 0).err().unwrap().to_string();
-        assert!(error.contains("mine.toml") && error.contains("`glue`") && error.contains(told), "{error}");
+        assert!(error.contains("mine.toml") && error.contains("`glue`") && error.contains(remarks), "{error}");
     }
 }
 
@@ -401,7 +401,7 @@ fn without_poses_a_slope_may_be_a_tilted_imu() {
 
 #[test]
 fn a_robot_that_only_stands_is_accused_of_nothing() {
-    let request = Request { engine: EngineChoice::Ours, wanted: Wanted::Nothing };
+    let request = Request { engine: EngineChoice::Ours, wanted: FaultRequest::Nothing };
     let plan = Plan { sections: vec![(Section::Stand, 10.0)] };
     let recipe = Recipe { plan, ..qv_sealed::redraw(&request, 7, 0).unwrap().recipe };
     let run = read(&qv_sealed::record(&recipe).unwrap().1);

@@ -1,5 +1,5 @@
 //! Depth where photographs say nothing: walls and fronts of one colour, floors without texture, and what shines. There the depth that was
-//! learned bends behind the surface, all frames agree on it, and no comparison of photographs tells.
+//! learned bends behind the surface, all frames agree on it, and no comparison of photographs shows.
 //!
 //! Man-made places are flat where they are plain. So planes are found in what has texture (`find`), photographs are cut into regions
 //! of one colour (`segments`), and each region whose rim and inside lie on a plane all round is laid on that plane (`assign`): between
@@ -24,7 +24,7 @@ use rayon::prelude::*;
 
 /// What was drawn of a frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Drawn {
+pub struct RenderedFrame {
     /// Colours, 0 to 1, shape `[height, width, 3]`, as the frame's camera sees them.
     pub colour: Vec<f32>,
     /// Depths before those were left out that other frames do not confirm \[m\]; 0 where nothing solid is, as in the sky: nothing is laid there.
@@ -44,11 +44,11 @@ pub struct Laid {
 ///
 /// # Errors
 /// A frame, or something drawn that does not fit its frame.
-pub fn lay_on_planes(frames: &mut [DepthFrame], drawn: &[Drawn], distance: f64) -> Result<Laid, MeshError> {
+pub fn lay_on_planes(frames: &mut [DepthFrame], drawn: &[RenderedFrame], distance: f64) -> Result<Laid, MeshError> {
     if drawn.len() != frames.len() {
         return Err(off("pictures of depth frames", format!("one for each of {}", frames.len()), drawn.len()));
     }
-    for (index, (frame, Drawn { colour, depth })) in frames.iter().zip(drawn).enumerate() {
+    for (index, (frame, RenderedFrame { colour, depth })) in frames.iter().zip(drawn).enumerate() {
         frame.check(index)?;
         let pixels = frame.camera.pixels();
         if colour.len() != 3 * pixels {

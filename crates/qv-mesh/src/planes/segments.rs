@@ -66,7 +66,7 @@ fn edges(picture: &Picture) -> Vec<Edge> {
     out
 }
 
-/// Union-find; what is told of a region stands at its root.
+/// Union-find; what is reported for a region stands at its root.
 struct Regions {
     parent: Vec<u32>,
     size: Vec<u32>,

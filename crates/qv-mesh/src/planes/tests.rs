@@ -1,6 +1,6 @@
 use super::picture::Picture;
 use super::segments::segments;
-use super::{Drawn, Plane, lay_on_planes};
+use super::{Plane, RenderedFrame, lay_on_planes};
 use crate::DepthFrame;
 use crate::facts::States;
 use glam::DVec3;
@@ -35,9 +35,9 @@ fn frame(at: f64, door: impl Fn(f64) -> f64) -> (DepthFrame, Vec<f32>) {
     (DepthFrame { camera, depth, weight: vec![] }, colour)
 }
 
-fn frames(door: impl Fn(f64) -> f64 + Copy) -> (Vec<DepthFrame>, Vec<Drawn>) {
+fn frames(door: impl Fn(f64) -> f64 + Copy) -> (Vec<DepthFrame>, Vec<RenderedFrame>) {
     let all = [-0.2, 0.0, 0.2].map(|at| frame(at, door)).into_iter();
-    all.map(|(frame, colour)| (frame.clone(), Drawn { colour, depth: frame.depth })).unzip()
+    all.map(|(frame, colour)| (frame.clone(), RenderedFrame { colour, depth: frame.depth })).unzip()
 }
 
 /// Largest distance of a frame's depths from 2 m, away from the door's border by two pixels.
@@ -101,7 +101,7 @@ fn a_region_beside_a_plane_is_not_drawn_out_from_it() {
         }
     }
     let mut frames = vec![DepthFrame { camera, depth: depth.clone(), weight: vec![] }];
-    let drawn = Drawn { colour, depth: depth.clone() };
+    let drawn = RenderedFrame { colour, depth: depth.clone() };
     lay_on_planes(&mut frames, &[drawn], 0.02).unwrap();
     let moved = frames[0].depth.iter().zip(&depth).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(moved < 0.05, "{moved}");

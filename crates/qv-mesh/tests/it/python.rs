@@ -75,7 +75,7 @@ fn read_by(python: &Path, script: &str, mesh: &TriangleMesh, name: &str) -> Valu
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures").join(script);
     let output = Command::new(python).arg(script).arg(&stem).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    // Blender tells of its imports on standard output, too.
+    // Blender reports its imports on standard output, too.
     let text = String::from_utf8_lossy(&output.stdout);
     serde_json::from_str(text.lines().last().unwrap_or_default()).unwrap()
 }

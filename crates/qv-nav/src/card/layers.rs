@@ -6,13 +6,13 @@ use super::product::{Product, THREADS, Tile, declare};
 use crate::loss::LONGEST;
 use crate::net::{COLOUR, COMMAND, Conv, HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Tint};
 use crate::recall::RECALL;
-use crate::roll::Acted;
+use crate::roll::StudentAction;
 use crate::settings::{PolicySettings, TrainSettings};
 use qv_policy::net::{Dense, padded};
 
 /// Numbers that a decision is judged by: command, cone, whether it was found, what else is known, what is said of the picture; then what was done, its
 /// mean, and the advantage, for PPO.
-pub(super) const TARGET: usize = COMMAND + 4 + 1 + KNOWN + SIGHT + Acted::NUMBERS;
+pub(super) const TARGET: usize = COMMAND + 4 + 1 + KNOWN + SIGHT + StudentAction::NUMBERS;
 /// Numbers of a step: rate, unbias, scale of the gradient, its greatest length.
 pub(super) const HYPER: usize = 4;
 /// Partial sums of the gradient's square.

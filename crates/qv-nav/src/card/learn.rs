@@ -36,7 +36,7 @@ struct Lane {
     count: usize,
 }
 
-/// What the card is told of the next decisions of all lanes, each with room for a whole stretch.
+/// What the card is reported for the next decisions of all lanes, each with room for a whole stretch.
 struct Stretch {
     pictures: Vec<u8>,
     states: Vec<f32>,

@@ -2,7 +2,7 @@
 
 use crate::NavError;
 use crate::env::worth;
-use crate::roll::Driven;
+use crate::roll::EpisodeTrace;
 use crate::settings::PolicySettings;
 use crate::task::{DECISIONS, NEAR, PERIOD};
 use crate::teacher::World;
@@ -12,7 +12,7 @@ use qv_policy::adam::Adam;
 use qv_policy::net::{Mlp, Tape, padded};
 use serde::{Deserialize, Serialize};
 
-/// Numbers that a value is told from.
+/// Numbers that a value is determined from.
 const FEATURES: usize = 12;
 const HIDDEN: usize = 64;
 /// Decisions in a step of the critic's optimiser, times that it learns from a round, its rate, and the longest gradient.
@@ -32,7 +32,7 @@ pub(super) struct Journey {
 
 impl Journey {
     /// Of an episode that was driven.
-    pub(super) fn of(world: &World, driven: &Driven) -> Self {
+    pub(super) fn of(world: &World, driven: &EpisodeTrace) -> Self {
         let (goal, track) = (driven.episode.goal.axis(), &driven.trial.track);
         let to_goal = world.map.lengths(goal);
         let place = |at: usize| DVec2::new(f64::from(track[at][0]), f64::from(track[at][1]));
@@ -158,7 +158,7 @@ impl Critic {
         &mut self,
         input: &[f32],
         wanted: impl ExactSizeIterator<Item = f32>,
-        (tape, turned): (&mut Tape, &mut qv_policy::net::Turned),
+        (tape, turned): (&mut Tape, &mut qv_policy::net::TransposedWeights),
     ) -> Result<(), NavError> {
         let count = wanted.len();
         let said = self.net.forward(&self.parameters, count, input, tape);

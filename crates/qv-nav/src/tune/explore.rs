@@ -2,7 +2,7 @@
 
 use crate::net::{COMMAND, Net};
 use crate::pilots::NetPilot;
-use crate::roll::{Acted, Decision, Pilot, Seen};
+use crate::roll::{Decision, Pilot, PilotInput, StudentAction};
 use crate::task::Episode;
 use qv_core::random::Xoshiro256PlusPlus;
 
@@ -11,7 +11,7 @@ pub(super) struct Explorer<'a> {
     student: NetPilot<'a>,
     deviation: f32,
     seed: u64,
-    robots: Vec<(Xoshiro256PlusPlus, Vec<Acted>)>,
+    robots: Vec<(Xoshiro256PlusPlus, Vec<StudentAction>)>,
 }
 
 impl<'a> Explorer<'a> {
@@ -21,7 +21,7 @@ impl<'a> Explorer<'a> {
     }
 
     /// What each robot did, in the order of its decisions.
-    pub(super) fn into_acted(self) -> impl Iterator<Item = Vec<Acted>> {
+    pub(super) fn into_acted(self) -> impl Iterator<Item = Vec<StudentAction>> {
         self.robots.into_iter().map(|(_, acted)| acted)
     }
 }
@@ -32,13 +32,13 @@ impl Pilot for Explorer<'_> {
         self.robots[env] = (Xoshiro256PlusPlus::of(self.seed, 94, env as u64), Vec::new());
     }
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         let mut decisions = self.student.decide(seen);
         for (decision, seen) in decisions.iter_mut().zip(seen) {
             let (random, acted) = &mut self.robots[seen.env];
             let mean = decision.command;
             let action: [f32; COMMAND] = mean.map(|mean| mean + self.deviation * random.normal());
-            acted.push(Acted { action, mean, deviation: self.deviation, advantage: 0.0 });
+            acted.push(StudentAction { action, mean, deviation: self.deviation, advantage: 0.0 });
             decision.command = action;
         }
         decisions

@@ -8,7 +8,7 @@
 mod critic;
 mod explore;
 
-pub use crate::roll::Acted;
+pub use crate::roll::StudentAction;
 pub use crate::settings::PolicySettings;
 pub(crate) use critic::Critic;
 pub use critic::Gains;
@@ -16,7 +16,7 @@ pub use critic::Gains;
 use crate::NavError;
 use crate::dagger::Student;
 use crate::legs::Legs;
-use crate::roll::{Driven, Stage, roll};
+use crate::roll::{EpisodeTrace, Stage, roll};
 use crate::task::Episode;
 use crate::teacher::World;
 use critic::Journey;
@@ -31,14 +31,14 @@ impl Student {
         stage: &Stage,
         legs: &mut dyn Legs,
         (drawn, seed): (Vec<Episode>, u64),
-    ) -> Result<Vec<Driven>, NavError> {
+    ) -> Result<Vec<EpisodeTrace>, NavError> {
         let deviation = policy.deviation_at(self.rounds, self.settings.rounds);
         let mut pilot = Explorer::new(&self.net, &self.parameters, deviation, (legs.count(), seed));
         let rolled = roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?;
         let all = drawn.into_iter().zip(rolled).zip(pilot.into_acted());
         let driven = all.map(|((episode, (trial, mut record)), acted)| {
             record.acted = acted;
-            Driven { episode, alone: true, trial, record }
+            EpisodeTrace { episode, alone: true, trial, record }
         });
         Ok(driven.collect())
     }
@@ -48,7 +48,7 @@ impl Student {
         &mut self,
         policy: &PolicySettings,
         world: &World,
-        driven: &mut [Driven],
+        driven: &mut [EpisodeTrace],
     ) -> Result<Gains, NavError> {
         let critic = self.critic.get_or_insert_with(|| Critic::new(self.settings.seed));
         let journeys: Vec<Journey> = driven.par_iter().map(|d| Journey::of(world, d)).collect();

@@ -24,7 +24,7 @@ fn near_by() -> EpisodeSettings {
 }
 
 /// An episode whose robot goes `way` metres towards the cone in ten decisions.
-fn driven(world: &World, way: f64, end: End) -> Driven {
+fn driven(world: &World, way: f64, end: End) -> EpisodeTrace {
     let episode = near_by().draw(world, 1, 3).unwrap().swap_remove(0);
     let start = glam::DVec2::from(episode.start);
     let along = (episode.goal.axis() - start).normalize();
@@ -35,10 +35,10 @@ fn driven(world: &World, way: f64, end: End) -> Driven {
         commands: vec![[0.0; 3]; 10],
         cones: vec![[0.0; 4]; 10],
         found: vec![true; 10],
-        acted: vec![Acted::default(); 10],
+        acted: vec![StudentAction::default(); 10],
         ..Default::default()
     };
-    Driven { episode, alone: true, trial, record }
+    EpisodeTrace { episode, alone: true, trial, record }
 }
 
 #[test]
@@ -96,8 +96,8 @@ fn gained(settings: &TrainSettings) -> (Vec<f64>, Vec<f32>) {
     let mut legs = Follower::new(&world.map, settings.robots, 0.3);
     let mut student = Student::new(settings).unwrap();
     let gains = (0..settings.rounds).map(|_| {
-        let told = student.round(&stage, &mut legs, &near_by(), &mut |_| {}).unwrap();
-        told.gains.unwrap().reward
+        let result = student.round(&stage, &mut legs, &near_by(), &mut |_| {}).unwrap();
+        result.gains.unwrap().reward
     });
     (gains.collect(), student.parameters)
 }
@@ -139,7 +139,7 @@ fn noise_shrinks_by_the_same_factor_from_round_to_round() {
         let mut legs = Follower::new(&world.map, 4, 0.3);
         let drawn = near_by().draw(&world, 4, 5).unwrap();
         let driven = student.explore(&policy, &stage, &mut legs, (drawn, 5)).unwrap();
-        let acted: Vec<&Acted> = driven.iter().flat_map(|d| &d.record.acted).collect();
+        let acted: Vec<&StudentAction> = driven.iter().flat_map(|d| &d.record.acted).collect();
         assert!(acted.iter().all(|acted| acted.deviation == expected) && acted.len() > 40);
         let squares: f32 = acted.iter().map(|acted| (acted.action[0] - acted.mean[0]).powi(2)).sum();
         let found = (squares / acted.len() as f32).sqrt();

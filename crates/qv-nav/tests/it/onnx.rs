@@ -1,7 +1,7 @@
 //! The ONNX file of the network gives what the network gives: pictures of 640 x 480 bytes, several decisions in a row, in onnxruntime.
 
 use qv_core::random::Xoshiro256PlusPlus;
-use qv_nav::net::{HEIGHT, HIDDEN, Net, OUTPUTS, SIGHT, STATE, Sees, WIDTH};
+use qv_nav::net::{HEIGHT, HIDDEN, Net, NetInput, OUTPUTS, SIGHT, STATE, WIDTH};
 use qv_nav::onnx::{POOL, to_bytes};
 use qv_nav::recall::RECALL;
 use qv_nav::task::Limits;
@@ -52,7 +52,7 @@ fn onnxruntime_decides_the_same() {
         }
         let state: Vec<f32> = (0..STATE).map(|_| random.normal()).collect();
         let recall: Vec<f32> = (0..RECALL).map(|_| 0.5 * random.normal()).collect();
-        let sees = Sees { picture: &picture, state: &state, recall: &recall };
+        let sees = NetInput { picture: &picture, state: &state, recall: &recall };
         let says = net.step(&parameters, &sees, &mut memory, &mut scratch);
         let command = limits.command([says.out[0], says.out[1], says.out[2]]);
         let numbers = says.out[..OUTPUTS].iter().chain(&says.sight).map(|x| f64::from(*x));

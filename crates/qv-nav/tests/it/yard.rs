@@ -10,7 +10,7 @@ use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::net::Net;
 use qv_nav::pilots::{MixedPilot, Mixture, NetPilot, TeacherPilot};
-use qv_nav::roll::{Decision, Pilot, Seen, Stage, roll};
+use qv_nav::roll::{Decision, Pilot, PilotInput, Stage, roll};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Stratum};
 use qv_nav::teacher::World;
@@ -71,9 +71,9 @@ fn the_teacher_finds_cones_without_a_collision() {
 }
 
 /// Legs that stay where they are, whatever is commanded.
-struct Rooted(Vec<Start>);
+struct StandingLegs(Vec<Start>);
 
-impl Legs for Rooted {
+impl Legs for StandingLegs {
     fn count(&self) -> usize {
         4
     }
@@ -138,7 +138,7 @@ fn halves_drive_as_all_at_once() {
     let driven = |legs: &mut dyn Legs| {
         let net = Net::default();
         let parameters = net.draw(&mut Xoshiro256PlusPlus::new(4));
-        let later = Mixture { alone: 0.3, taught: 0.6, stray: 0.1, stretch: 4.0, told: 0.5 };
+        let later = Mixture { alone: 0.3, taught: 0.6, stray: 0.1, stretch: 4.0, goal_given: 0.5 };
         let mut pilot = MixedPilot::new(NetPilot::new(&net, &parameters, 7), limits, later, 7);
         roll(&stage, legs, &episodes, &mut pilot, |_| true, &mut |_| {}).unwrap()
     };
@@ -191,7 +191,7 @@ struct Constant([f32; 3]);
 
 impl Pilot for Constant {
     fn begin(&mut self, _env: usize, _episode: &Episode) {}
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         vec![Decision { command: self.0, sight: None }; seen.len()]
     }
 }
@@ -203,7 +203,8 @@ fn what_a_student_sees_does_not_tell_its_last_command() {
     let stage = Stage::new(&world, &BlindEye, LensSpread::none());
     let episodes = EpisodeSettings::default().draw(&world, 4, 3).unwrap();
     let seen = |command| {
-        let rolled = roll(&stage, &mut Rooted(Vec::new()), &episodes, &mut Constant(command), |_| true, &mut |_| {});
+        let rolled =
+            roll(&stage, &mut StandingLegs(Vec::new()), &episodes, &mut Constant(command), |_| true, &mut |_| {});
         rolled.unwrap().into_iter().map(|(_, r)| (r.states, r.recalls, r.pictures)).collect::<Vec<_>>()
     };
     let still = seen([0.0; 3]);

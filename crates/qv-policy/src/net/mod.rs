@@ -12,7 +12,7 @@ pub(crate) use elementwise::{AdamStep, adam};
 pub use elementwise::{elu, elu_back, sigmoid, tanh};
 pub use gru::{Gru, GruTape, GruTurned};
 
-use product::{Strided, add_product};
+use product::{StridedMatrix, add_product};
 use qv_core::random::Xoshiro256PlusPlus;
 
 /// Length of a row of `count` numbers with its padding.
@@ -71,7 +71,7 @@ impl Dense {
         let bias = &parameters[self.bias_at()..][..width];
         out[..rows * width].chunks_exact_mut(width).for_each(|row| row.copy_from_slice(bias));
         // Padding of the input is zero: those products are left out.
-        let input = Strided { values: input, steps: [depth, 1] };
+        let input = StridedMatrix { values: input, steps: [depth, 1] };
         add_product(rows, self.inputs, width, input, &parameters[self.start..][..depth * width], out);
     }
 
@@ -79,7 +79,7 @@ impl Dense {
     pub fn gradient(&self, rows: usize, input: &[f32], of_out: &[f32], gradient: &mut [f32]) {
         let (depth, width) = (padded(self.inputs), padded(self.outputs));
         let bias = self.bias_at();
-        let turned = Strided { values: input, steps: [1, depth] };
+        let turned = StridedMatrix { values: input, steps: [1, depth] };
         add_product(self.inputs, rows, width, turned, of_out, &mut gradient[self.start..bias]);
         let sums = &mut gradient[bias..bias + width];
         for row in of_out[..rows * width].chunks_exact(width) {
@@ -91,7 +91,7 @@ impl Dense {
     pub fn back(&self, rows: usize, turned: &[f32], of_out: &[f32], of_input: &mut [f32]) {
         let (depth, width) = (padded(self.outputs), padded(self.inputs));
         of_input[..rows * width].fill(0.0);
-        let of_out = Strided { values: of_out, steps: [depth, 1] };
+        let of_out = StridedMatrix { values: of_out, steps: [depth, 1] };
         add_product(rows, self.outputs, width, of_out, turned, of_input);
     }
 
@@ -129,7 +129,7 @@ pub struct Tape {
 
 /// Weights of an [`Mlp`] by output, which the way back reads: made anew after each step of the optimiser.
 #[derive(Debug, Clone)]
-pub struct Turned(Vec<Vec<f32>>);
+pub struct TransposedWeights(Vec<Vec<f32>>);
 
 impl Mlp {
     /// Layers of `sizes` numbers, the first being the input; at least two.
@@ -186,12 +186,12 @@ impl Mlp {
     }
 
     /// The weights as [`Mlp::backward`] reads them.
-    pub fn turned(&self) -> Turned {
-        Turned(self.layers.iter().map(|l| vec![0.0; padded(l.inputs) * padded(l.outputs)]).collect())
+    pub fn turned(&self) -> TransposedWeights {
+        TransposedWeights(self.layers.iter().map(|l| vec![0.0; padded(l.inputs) * padded(l.outputs)]).collect())
     }
 
     /// Fills `turned` from the parameters.
-    pub fn turn(&self, parameters: &[f32], turned: &mut Turned) {
+    pub fn turn(&self, parameters: &[f32], turned: &mut TransposedWeights) {
         // Nothing asks for the gradient of the network's input.
         for (layer, turned) in self.layers.iter().zip(&mut turned.0).skip(1) {
             layer.turn(parameters, turned);
@@ -215,7 +215,7 @@ impl Mlp {
     /// Adds the gradient of the parameters, given that of the output (padded rows) and the tape of the pass over `input`.
     pub fn backward(
         &self,
-        turned: &Turned,
+        turned: &TransposedWeights,
         rows: usize,
         input: &[f32],
         of_output: &[f32],

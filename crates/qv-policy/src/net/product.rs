@@ -7,7 +7,7 @@ use super::simd::{Plain, WIDTH, Wide};
 
 /// A matrix that is read by rows, by columns, or with any other two steps.
 #[derive(Clone, Copy)]
-pub(super) struct Strided<'a> {
+pub(super) struct StridedMatrix<'a> {
     pub values: &'a [f32],
     /// Numbers from one row to the next, and from one column to the next.
     pub steps: [usize; 2],
@@ -15,7 +15,7 @@ pub(super) struct Strided<'a> {
 
 /// `C += A B` for A of `rows x depth`, B of `depth x width` and C of `rows x width`, both by rows; `width` is a multiple of
 /// sixteen.
-pub(super) fn add_product(rows: usize, depth: usize, width: usize, a: Strided, b: &[f32], c: &mut [f32]) {
+pub(super) fn add_product(rows: usize, depth: usize, width: usize, a: StridedMatrix, b: &[f32], c: &mut [f32]) {
     assert!(width.is_multiple_of(WIDTH) && b.len() >= depth * width && c.len() >= rows * width);
     if rows == 0 || depth == 0 {
         return;
@@ -153,7 +153,7 @@ mod tests {
     use qv_core::random::Xoshiro256PlusPlus;
 
     /// The definition, in the same order.
-    fn chain(rows: usize, depth: usize, width: usize, a: Strided, b: &[f32], c: &mut [f32]) {
+    fn chain(rows: usize, depth: usize, width: usize, a: StridedMatrix, b: &[f32], c: &mut [f32]) {
         for i in 0..rows {
             for j in 0..width {
                 for k in 0..depth {
@@ -171,7 +171,7 @@ mod tests {
         for (rows, depth, width) in [(1, 1, 16), (5, 3, 16), (9, 48, 64), (23, 17, 80), (13, 64, 112), (3, 5, 32)] {
             let (a, b, start) = (numbers(rows * depth), numbers(depth * width), numbers(rows * width));
             for steps in [[depth, 1], [1, rows]] {
-                let a = Strided { values: &a, steps };
+                let a = StridedMatrix { values: &a, steps };
                 let mut expected = start.clone();
                 chain(rows, depth, width, a, &b, &mut expected);
                 let mut found = start.clone();

@@ -69,7 +69,7 @@ impl OnnxPolicy {
     /// When the bytes are not an ONNX model, hold an operator that the interpreter lacks, or have inputs and outputs
     /// that are no policy's: none, other types than f32, or a state of which not every input has its output.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, OnnxError> {
-        let loaded = Loaded::from_bytes(bytes)?;
+        let loaded = ReadModel::from_bytes(bytes)?;
         let (inputs, outputs) = (loaded.inputs.clone(), loaded.outputs.clone());
         Self::of(Box::new(loaded), inputs, outputs)
     }
@@ -125,7 +125,7 @@ impl OnnxPolicy {
 }
 
 /// The model of a policy in this process.
-pub struct Loaded {
+pub struct ReadModel {
     model: OnnxModel,
     inputs: Vec<TensorInfo>,
     outputs: Vec<TensorInfo>,
@@ -133,7 +133,7 @@ pub struct Loaded {
     output_ids: Vec<NodeId>,
 }
 
-impl Loaded {
+impl ReadModel {
     /// Reads a model.
     ///
     /// # Errors
@@ -158,7 +158,7 @@ impl Loaded {
     }
 }
 
-impl Step for Loaded {
+impl Step for ReadModel {
     fn step(&mut self, given: &[&[f32]]) -> Result<Vec<Vec<f32>>, OnnxError> {
         let mut inputs = Vec::with_capacity(given.len());
         for (k, (numbers, info)) in given.iter().zip(&self.inputs).enumerate() {

@@ -23,5 +23,5 @@ pub use description::{
     TermKind,
 };
 pub use error::RollError;
-pub use observe::{Observer, Seen};
-pub use run::{Rolled, roll};
+pub use observe::{Observer, RobotState};
+pub use run::{RollTrace, roll};

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 /// The state of a robot at one moment, joints in the description's order.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen<'a> {
+pub struct RobotState<'a> {
     /// Base in the world: x, y, z \[m\], quaternion w, x, y, z.
     pub base: [f64; 7],
     /// Velocity of the base: linear in the world \[m/s\], angular in the base \[rad/s\].
@@ -39,7 +39,7 @@ impl<'a> Observer<'a> {
     }
 
     /// What the policy sees now, shape `[observations]`. Every call is one more frame.
-    pub fn observe(&mut self, seen: &Seen) -> Vec<f32> {
+    pub fn observe(&mut self, seen: &RobotState) -> Vec<f32> {
         let frame = self.frame(seen);
         let Some(history) = &self.description.observation.history else { return frame };
         if self.frames.is_empty() {
@@ -71,7 +71,7 @@ impl<'a> Observer<'a> {
         out
     }
 
-    fn frame(&self, seen: &Seen) -> Vec<f32> {
+    fn frame(&self, seen: &RobotState) -> Vec<f32> {
         let observation = &self.description.observation;
         let clip = observation.clip.unwrap_or(f64::INFINITY);
         let mut frame = Vec::with_capacity(self.description.frame());
@@ -82,7 +82,7 @@ impl<'a> Observer<'a> {
         frame
     }
 
-    fn numbers(&self, kind: &TermKind, seen: &Seen) -> Vec<f64> {
+    fn numbers(&self, kind: &TermKind, seen: &RobotState) -> Vec<f64> {
         let [_, _, height, w, x, y, z] = seen.base;
         let base_from_world = DQuat::from_xyzw(x, y, z, w).conjugate();
         let [vx, vy, vz, wx, wy, wz] = seen.velocity;

@@ -2,12 +2,12 @@
 
 use super::RollError;
 use super::description::{Description, Numbers};
-use super::observe::{Observer, Seen};
+use super::observe::{Observer, RobotState};
 use qv_sim::{Batch, JointCommand, Model, SimError, State};
 
 /// What a roll did: one sample at the start and one after every action, joints in the description's order.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Rolled {
+pub struct RollTrace {
     /// Time since the start \[s\].
     pub time: Vec<f64>,
     /// Base in the world: x, y, z \[m\], quaternion w, x, y, z.
@@ -37,7 +37,7 @@ pub fn roll<E: std::fmt::Display>(
     command: [f64; 3],
     duration: f64,
     mut policy: impl FnMut(&[f32]) -> Result<Vec<f32>, E>,
-) -> Result<Rolled, RollError> {
+) -> Result<RollTrace, RollError> {
     if !(0.0..=1e6).contains(&duration) {
         let (what, expected) = ("duration of a roll".to_owned(), "0 to 1e6 s".to_owned());
         return Err(SimError::Value { what, expected, found: duration }.into());
@@ -49,13 +49,13 @@ pub fn roll<E: std::fmt::Display>(
     let map = Map::new(batch.model(), description)?;
     set_up(batch, description, &map)?;
     batch.set_state(0, start)?;
-    let (mut observer, mut rolled) = (Observer::new(description), Rolled::default());
+    let (mut observer, mut rolled) = (Observer::new(description), RollTrace::default());
     let count = description.joints.len();
     let (mut last, mut state) = (vec![0.0; count], start.clone());
     rolled.push(0.0, &start.q, map.joints(&start.q), vec![0.0; count]);
     for k in 0..(duration * description.rate).round() as usize {
         let time = k as f64 / description.rate;
-        let seen = Seen {
+        let seen = RobotState {
             base: state.q[..7].try_into().unwrap_or([f64::NAN; 7]),
             velocity: state.v[..6].try_into().unwrap_or([f64::NAN; 6]),
             joints: &map.joints(&state.q),
@@ -82,7 +82,7 @@ pub fn roll<E: std::fmt::Display>(
     Ok(rolled)
 }
 
-impl Rolled {
+impl RollTrace {
     fn push(&mut self, time: f64, q: &[f64], joints: Vec<f64>, torques: Vec<f64>) {
         self.time.push(time);
         self.base.push(q[..7].try_into().unwrap_or([f64::NAN; 7]));

@@ -1,7 +1,7 @@
 //! What one robot did in a step: reward, end, and what is remembered of it.
 
 use super::readings::Readings;
-use super::reward::{Measures, Seen, Terms, terms};
+use super::reward::{Measures, RewardInput, Terms, terms};
 use super::robot::MOST_FEET;
 use super::turns::{in_heading, turned_back};
 use super::{Ground, Reward, TaskRobot, TaskSettings, Walker};
@@ -78,7 +78,7 @@ impl Judge<'_> {
         let tilted = -gravity[2] < ends.tilt.cos();
         let low = height < ends.height * self.robot.height;
         let fell = faulty || tilted || low || (ends.trunk && on(&self.robot.trunk) > 0);
-        let seen = Seen {
+        let seen = RewardInput {
             velocity,
             turning: [v[3], v[4], v[5]],
             gravity,

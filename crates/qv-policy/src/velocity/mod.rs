@@ -1,6 +1,6 @@
 //! The velocity task: many robots on some ground, each to follow a commanded velocity.
 //!
-//! The policy sees what a robot's own sensors tell ([`OBSERVATION`]); it decides the targets of the joints around the stand. Rewards are
+//! The policy sees what a robot's own sensors show ([`OBSERVATION`]); it decides the targets of the joints around the stand. Rewards are
 //! those of legged_gym (Rudin et al. 2021, table 1 of its appendix) with terms for clearance, slip and timing of the feet.
 
 mod ground;

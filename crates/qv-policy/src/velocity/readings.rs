@@ -20,7 +20,7 @@ pub(super) struct Readings {
 
 impl Readings {
     /// As a compensator sees the robots.
-    pub(super) fn seen<'a>(&'a self, targets: &'a [f32]) -> compensate::Seen<'a> {
-        compensate::Seen { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets }
+    pub(super) fn seen<'a>(&'a self, targets: &'a [f32]) -> compensate::SimulatedStates<'a> {
+        compensate::SimulatedStates { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets }
     }
 }

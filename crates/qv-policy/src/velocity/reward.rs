@@ -31,7 +31,7 @@ pub const TERMS: [&str; 20] = [
 pub type Terms = [f32; TERMS.len()];
 
 /// What the terms read of one robot after a step; world axes unless it says otherwise.
-pub struct Seen<'a> {
+pub struct RewardInput<'a> {
     /// Velocity of the base, heading axes \[m/s\].
     pub velocity: [f32; 3],
     /// Angular velocity of the base, its axes \[rad/s\].
@@ -79,7 +79,7 @@ fn squared(values: impl Iterator<Item = f32>) -> f32 {
 }
 
 /// All terms of a step of `dt` seconds.
-pub fn terms(reward: &Reward, measures: &Measures, seen: &Seen, walker: &Walker, dt: f32) -> Terms {
+pub fn terms(reward: &Reward, measures: &Measures, seen: &RewardInput, walker: &Walker, dt: f32) -> Terms {
     let [vx, vy, wz] = walker.command;
     let off = (seen.velocity[0] - vx).powi(2) + (seen.velocity[1] - vy).powi(2);
     let turn_off = (seen.turning[2] - wz).powi(2);

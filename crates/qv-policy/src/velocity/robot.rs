@@ -1,4 +1,4 @@
-//! The robot of a task: any four-legged (or otherwise footed) one, told by its model and a few lines of TOML.
+//! The robot of a task: any four-legged (or otherwise footed) one, reported by its model and a few lines of TOML.
 
 use crate::PolicyError;
 use qv_sim::mjcf::{Include, is_mjcf};
@@ -127,7 +127,7 @@ fn by_name(what: &str, named: &BTreeMap<String, f32>, model: &Model) -> Result<V
 
 impl RobotFile {
     /// # Errors
-    /// When the text is not such a file; the line is told.
+    /// When the text is not such a file; the line is reported.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
         toml::from_str(text).map_err(|e| PolicyError::Text { what: "robot file".into(), reason: e.to_string() })
     }

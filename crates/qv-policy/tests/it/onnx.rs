@@ -19,7 +19,7 @@ impl Random {
 }
 
 /// A policy of 45 inputs, layers of 64 and 32, and 12 outputs.
-struct Made {
+struct TestPolicy {
     offset: Vec<f32>,
     scale: Vec<f32>,
     weights: Vec<Vec<f32>>,
@@ -33,7 +33,7 @@ struct Made {
 
 const WIDTHS: [usize; 4] = [45, 64, 32, 12];
 
-impl Made {
+impl TestPolicy {
     fn new() -> Self {
         let mut random = Random(7);
         Self {
@@ -224,7 +224,7 @@ fn interpret(file: &[u8], observation: &[f32]) -> Vec<f32> {
 
 #[test]
 fn a_parser_of_its_own_reads_the_same_policy() {
-    let made = Made::new();
+    let made = TestPolicy::new();
     let file = made.bytes();
     let mut clipped = 0;
     for observation in observations(50) {
@@ -237,7 +237,7 @@ fn a_parser_of_its_own_reads_the_same_policy() {
 
 #[test]
 fn the_file_says_what_it_is() {
-    let made = Made::new();
+    let made = TestPolicy::new();
     let file = made.bytes();
     assert_eq!(integer(&file, 1), 8, "IR version");
     assert_eq!(integer(all(&file, 8)[0], 2), 13, "operator set");
@@ -258,7 +258,7 @@ fn the_file_says_what_it_is() {
 
 #[test]
 fn what_is_wrong_is_named() {
-    let made = Made::new();
+    let made = TestPolicy::new();
     let layers = made.layers();
     let refused = |change: &dyn Fn(&mut PolicyGraph)| {
         let mut graph = made.graph(&layers);
@@ -288,7 +288,7 @@ fn what_is_wrong_is_named() {
 }
 
 mod python {
-    use super::{Made, near, observations};
+    use super::{TestPolicy, near, observations};
     use std::path::{Path, PathBuf};
     use std::process::Command;
 
@@ -322,7 +322,7 @@ mod python {
     #[test]
     fn onnxruntime_reads_the_same_policy() {
         let Some(python) = python() else { return };
-        let made = Made::new();
+        let made = TestPolicy::new();
         let rows = observations(20);
         let found = onnxruntime(&python, "policy", &made.bytes(), &serde_json::json!({ "observation": rows }));
         assert_eq!(found["metadata"]["robot"], "go2 \u{e9}");
@@ -436,13 +436,13 @@ mod recurrent {
 #[cfg(feature = "onnx")]
 mod interpreter {
     use super::recurrent::Cell;
-    use super::{Made, Random, near, observations};
+    use super::{Random, TestPolicy, near, observations};
     use crate::facts::States;
     use qv_policy::onnx::{GraphBuilder, OnnxError, OnnxPolicy};
 
     #[test]
     fn a_policy_of_ours_is_run_as_it_is_defined() {
-        let made = Made::new();
+        let made = TestPolicy::new();
         let mut policy = OnnxPolicy::from_bytes(&made.bytes()).unwrap();
         assert_eq!(
             (policy.inputs()[0].name.as_str(), &policy.inputs()[0].shape),
@@ -481,7 +481,7 @@ mod interpreter {
 
     #[test]
     fn observations_of_the_wrong_length_and_numbers_that_are_none_are_named() {
-        let made = Made::new();
+        let made = TestPolicy::new();
         let mut policy = OnnxPolicy::from_bytes(&made.bytes()).unwrap();
         let mut out = Vec::new();
         let error = policy.run(&[0.0; 44], &mut out).unwrap_err().to_string();
@@ -518,7 +518,7 @@ mod interpreter {
     /// Cut at every 97th byte, and with bytes changed: an error or numbers, never a panic.
     #[test]
     fn damaged_files_never_panic() {
-        let file = Made::new().bytes();
+        let file = TestPolicy::new().bytes();
         let mut out = Vec::new();
         let mut refused = 0;
         let mut try_it = |bytes: &[u8]| match OnnxPolicy::from_bytes(bytes) {

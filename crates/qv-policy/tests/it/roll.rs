@@ -1,7 +1,7 @@
 //! Descriptions, observations and rolls.
 
 use crate::facts::States;
-use qv_policy::roll::{Description, Numbers, Observer, RollError, Seen, roll};
+use qv_policy::roll::{Description, Numbers, Observer, RobotState, RollError, roll};
 use qv_sim::{Batch, Model, ModelOptions, SimOptions, State, Terrain};
 use std::path::{Path, PathBuf};
 
@@ -105,10 +105,10 @@ terms = [
 ]
 "#;
 
-fn seen<'a>(actions: usize, command: [f64; 3]) -> Seen<'a> {
+fn seen<'a>(actions: usize, command: [f64; 3]) -> RobotState<'a> {
     // Turned by 90 degrees to the left: the base's x is the world's y.
     let half = std::f64::consts::FRAC_1_SQRT_2;
-    Seen {
+    RobotState {
         base: [1.0, 2.0, 0.3, half, 0.0, 0.0, half],
         velocity: [0.0, 1.0, 0.0, 0.25, 0.0, 0.5],
         joints: &[0.75, 0.25],
@@ -158,7 +158,7 @@ observation = { history = { length = 2, layout = "LAYOUT", order = "ORDER", star
         let text = base.replace("LAYOUT", layout).replace("ORDER", order).replace("START", start);
         let description = Description::from_toml(&text).unwrap();
         let mut observer = Observer::new(&description);
-        let at = |action: &'static [f64], height: f64| Seen {
+        let at = |action: &'static [f64], height: f64| RobotState {
             base: [0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0],
             last_action: action,
             joints: &[0.0],

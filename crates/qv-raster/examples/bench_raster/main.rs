@@ -8,7 +8,7 @@
 //! of time stamps by stage. `--cpu` measures the CPU instead, forward and backward, on four cameras at most. `--check` compares
 //! some cameras' images with those of the CPU. `--backward` times forward and backward together, `--atomic` with
 //! float atomics. `--moving N` draws the scene once and keeps its images; what is timed is N other Gaussians drawn and put before them (the
-//! protocol of GS-Playground: static background prepared, cameras that stay). `--json` adds a last line of JSON, which `cargo xtask bench raster` reads. `--adapter` only tells the graphics adapter, in JSON.
+//! protocol of GS-Playground: static background prepared, cameras that stay). `--json` adds a last line of JSON, which `cargo xtask bench raster` reads. `--adapter` only shows the graphics adapter, in JSON.
 //! `--save` only writes the scene (`scene_file.rs`).
 
 mod scene_file;

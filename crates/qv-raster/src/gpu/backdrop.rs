@@ -44,7 +44,7 @@ impl GpuRasteriser {
         Ok(Backdrop { colours, depths, bytes: variant.bytes, lenses: batch.lenses.clone() })
     }
 
-    /// Puts the images of the batch that was drawn last, over black, before a backdrop of the same views, in place. How is told at
+    /// Puts the images of the batch that was drawn last, over black, before a backdrop of the same views, in place. How is reported at
     /// [`compose`](crate::stages::compose::compose); depths are put together, and hide, when the backdrop has them. Waits for the card only
     /// when it is `timed`, and then gives milliseconds.
     ///

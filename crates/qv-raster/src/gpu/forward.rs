@@ -192,7 +192,7 @@ impl GpuRasteriser {
         let with_room = |n: usize| n as u64 + n as u64 / 16 + 1024;
         let mut sizes = old;
         if found.candidates as u64 > old.visible {
-            // Entries of the candidates that were cut off are not known: the next run tells them.
+            // Entries of the candidates that were cut off are not known: the next run shows them.
             sizes.visible = with_room(found.candidates);
             sizes.entries = old.entries.max(with_room(found.entries));
         } else if found.entries as u64 > old.entries {

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 /// Sums of each pixel, tile by tile; a tile's pixels row by row. Pixels of a tile beyond the image are there, too.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Blended {
+pub struct PixelSums {
     /// Sum of opacity times transmittance times number, shape `[tiles, channels, 256]`.
     pub sums: Vec<f32>,
     /// What is left for the background, shape `[tiles, 256]`.
@@ -68,9 +68,9 @@ pub(crate) fn half_height(u11: f32, opacity: f32) -> f32 {
 }
 
 /// Blends all tiles.
-pub fn blend(source: &Source) -> Blended {
+pub fn blend(source: &Source) -> PixelSums {
     let (tiles, channels) = (source.ranges.len(), source.channels.count());
-    let mut out = Blended {
+    let mut out = PixelSums {
         sums: vec![0.0; tiles * channels * TILE_PIXELS],
         transmittance: vec![1.0; tiles * TILE_PIXELS],
         last: vec![0; tiles * TILE_PIXELS],

@@ -1,6 +1,6 @@
 //! Derivatives of the blending: each tile walks its entries from far to near.
 
-use super::blend::{Blended, Source, half_height, touched_rows};
+use super::blend::{PixelSums, Source, half_height, touched_rows};
 use super::resolve::SumGradients;
 use crate::constants::{MAX_ALPHA, MIN_ALPHA, TILE_PIXELS};
 use crate::lanes::{LANES, Lanes, exp_negative, widest};
@@ -15,7 +15,7 @@ const MOST: usize = SHAPE_GRADIENTS + 8 + qv_core::GaussianCloud::MAX_FEATURES;
 
 /// Derivatives of each entry, summed over the pixels of its tile, in the order in which entries were made, shape
 /// `[entries, 6 + channels]`.
-pub fn blend_backward(source: &Source, blended: &Blended, gradients: &SumGradients) -> Vec<f32> {
+pub fn blend_backward(source: &Source, blended: &PixelSums, gradients: &SumGradients) -> Vec<f32> {
     let width = SHAPE_GRADIENTS + source.channels.count();
     let views = source.batch.view_of_tile();
     // Tiles fill their part in sorted order; it is put where its entries were made afterwards.
@@ -41,7 +41,7 @@ widest! {
     /// Fills the derivatives of one tile's entries, which are zeros.
     fn tile_backward = tile_backward_body(
         source: &Source,
-        blended: &Blended,
+        blended: &PixelSums,
         gradients: &SumGradients,
         tile: usize,
         view: usize,
@@ -52,7 +52,7 @@ widest! {
 #[inline(always)]
 fn tile_backward_body(
     source: &Source,
-    blended: &Blended,
+    blended: &PixelSums,
     gradients: &SumGradients,
     tile: usize,
     view: usize,

@@ -1,6 +1,6 @@
 //! One entry for each Gaussian and tile that it touches.
 
-use super::project::Projected;
+use super::project::ProjectedGaussian;
 use crate::ellipse::Ellipse;
 use crate::lens::Batch;
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ pub struct Entries {
 }
 
 /// The loop that counted the tiles, in the order of depth. There must be fewer than 2^32 entries.
-pub fn emit(batch: &Batch, records: &[Projected], counts: &[u32], order: &[u32]) -> Entries {
+pub fn emit(batch: &Batch, records: &[ProjectedGaussian], counts: &[u32], order: &[u32]) -> Entries {
     let mut first = vec![0; records.len()];
     let mut total = 0;
     for &index in order {

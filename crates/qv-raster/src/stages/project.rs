@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 /// A Gaussian as a view sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Projected {
+pub struct ProjectedGaussian {
     /// Projected mean \[px\].
     pub mean: [f32; 2],
     /// `u00, u01, u11` of the upper triangle U with `UᵀU` the inverse of the 2D covariance \[1/px\].
@@ -43,7 +43,7 @@ pub struct Plane {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Projections {
     /// One for each candidate; meaningless where `counts` is 0.
-    pub records: Vec<Projected>,
+    pub records: Vec<ProjectedGaussian>,
     /// One for each candidate when asked for, or none.
     pub planes: Vec<Plane>,
     /// Tiles that each candidate touches.
@@ -56,12 +56,12 @@ pub struct Projections {
 pub fn project(scene: &Scene, batch: &Batch, candidates: &[Candidate], settings: &Settings) -> Projections {
     let outputs = settings.outputs;
     let mut out = Projections {
-        records: vec![Projected::default(); candidates.len()],
+        records: vec![ProjectedGaussian::default(); candidates.len()],
         planes: vec![Plane::default(); if outputs.plane { candidates.len() } else { 0 }],
         counts: vec![0; candidates.len()],
         faulty: 0,
     };
-    let one = |candidate: &Candidate, record: &mut Projected, count: &mut u32| -> (usize, Option<Plane>) {
+    let one = |candidate: &Candidate, record: &mut ProjectedGaussian, count: &mut u32| -> (usize, Option<Plane>) {
         let Some((projected, plane, tiles)) = project_one(scene, batch, *candidate, settings) else {
             return (1, None);
         };
@@ -89,14 +89,14 @@ fn project_one(
     batch: &Batch,
     candidate: Candidate,
     settings: &Settings,
-) -> Option<(Projected, Plane, u32)> {
+) -> Option<(ProjectedGaussian, Plane, u32)> {
     let (view, splat) = (candidate.view as usize, candidate.splat as usize);
     let lens = &batch.lenses[view];
     let motion = batch.motion(view, scene.group(splat));
     let shape = Shape::new(scene, splat, lens, motion, settings)?;
     let opacity = shape.kept * logistic(scene.cloud.opacity_logits[splat]);
     let colour = colour(scene, splat, shape.direction(motion).0);
-    let record = Projected {
+    let record = ProjectedGaussian {
         mean: shape.mean(lens).into(),
         factor: shape.factor(),
         opacity,
@@ -111,7 +111,7 @@ fn project_one(
     let colour = colour.as_ref();
     let features = if settings.outputs.features { scene.cloud.features_of(splat) } else { &[] };
     let all = record.mean.iter().chain(&record.factor).chain(colour).chain(features);
-    // A direction cannot be told of a centre whose square overflows.
+    // A direction cannot be reported for a centre whose square overflows.
     let sum = all.map(|x| x.abs()).sum::<f32>() + record.opacity + shape.centre.length_squared();
     if !sum.is_finite() || record.factor[0] <= 0.0 || record.factor[2] <= 0.0 {
         return None;

@@ -1,6 +1,6 @@
 //! Sums of tiles to images, and derivatives of images to derivatives of sums.
 
-use super::blend::Blended;
+use super::blend::PixelSums;
 use crate::channels::Channels;
 use crate::constants::{MIN_FACING, TILE, TILE_PIXELS};
 use crate::lens::{Batch, Lens};
@@ -9,11 +9,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 /// One image for each view.
-pub fn resolve(batch: &Batch, blended: &Blended, channels: &Channels, settings: &Settings) -> Vec<Image> {
+pub fn resolve(batch: &Batch, blended: &PixelSums, channels: &Channels, settings: &Settings) -> Vec<Image> {
     batch.lenses.par_iter().map(|lens| image(lens, blended, channels, settings)).collect()
 }
 
-fn image(lens: &Lens, blended: &Blended, channels: &Channels, settings: &Settings) -> Image {
+fn image(lens: &Lens, blended: &PixelSums, channels: &Channels, settings: &Settings) -> Image {
     let mut out = blank(lens, channels);
     let at = |channel: usize, place: Place| blended.sums[place.of(channel, channels)];
     for pixel in 0..out.width * out.height {
@@ -96,7 +96,7 @@ pub struct SumGradients {
 /// From derivatives with respect to the images, which have the images' shapes.
 pub fn resolve_backward(
     batch: &Batch,
-    blended: &Blended,
+    blended: &PixelSums,
     channels: &Channels,
     settings: &Settings,
     images: &[Image],
@@ -113,7 +113,7 @@ pub fn resolve_backward(
 
 fn pixel_backward(
     lens: &Lens,
-    blended: &Blended,
+    blended: &PixelSums,
     channels: &Channels,
     settings: &Settings,
     image: &Image,

@@ -35,7 +35,7 @@ pub const WINDOW: [f32; 11] = [
     0.001_028_38,
 ];
 
-/// What a step is told; `Step` in step.wgsl.
+/// What a step is reported; `Step` in step.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "gpu", derive(bytemuck::Pod, bytemuck::Zeroable))]

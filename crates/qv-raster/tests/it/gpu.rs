@@ -5,7 +5,7 @@ use crate::skipped::skipped;
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings, Stage};
 use qv_raster::stages::compose::compose;
-use qv_raster::stages::project::Projected;
+use qv_raster::stages::project::ProjectedGaussian;
 use qv_raster::{Frame, Image, Outputs, RasterError, Scene, Settings, View, workload};
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 
@@ -36,10 +36,10 @@ fn new_rasterisers() -> Vec<GpuRasteriser> {
 }
 
 /// The records as the CPU has them.
-fn records_of(rasteriser: &GpuRasteriser, count: usize) -> Vec<Projected> {
+fn records_of(rasteriser: &GpuRasteriser, count: usize) -> Vec<ProjectedGaussian> {
     let shapes: Vec<[f32; 8]> = rasteriser.read_stage("records", count).unwrap();
     let shades: Vec<[f32; 4]> = rasteriser.read_stage("shades", count).unwrap();
-    let of = |(a, c): (&[f32; 8], &[f32; 4])| Projected {
+    let of = |(a, c): (&[f32; 8], &[f32; 4])| ProjectedGaussian {
         mean: [a[0], a[1]],
         factor: [a[2], a[3], a[4]],
         opacity: a[5],

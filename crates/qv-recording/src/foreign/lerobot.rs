@@ -113,7 +113,7 @@ fn episode(
     file: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
     settings: &Settings,
 ) -> Result<Table, RecordingError> {
-    use super::{Part, join, parquet};
+    use super::{JointChannel, join, parquet};
     const TIME: &str = "timestamp";
     const EPISODE: &str = "episode_index";
     let mut columns: Vec<&str> = wanted.iter().map(|(_, column)| column.as_str()).collect();
@@ -146,13 +146,13 @@ fn episode(
             if *prefix != "tau." {
                 settings.convert(&joints, &mut values, *prefix == "vel.");
             }
-            parts.push(Part { prefix, time: rows.iter().map(|row| time.values[*row]).collect(), values });
+            parts.push(JointChannel { prefix, time: rows.iter().map(|row| time.values[*row]).collect(), values });
         }
         let (version, all) = (&info.version, info.episodes);
-        table.told.push(format!(
+        table.remarks.push(format!(
             "LeRobot dataset {version}, {name}: episode {number} of {all}; [dataset] episode chooses another"
         ));
-        table.told.extend(settings.told_unit());
+        table.remarks.extend(settings.unit_remarks());
         table.csv = join(&joints, &parts);
         return Ok(table);
     }

@@ -27,13 +27,13 @@ pub struct Table {
     /// The text of `run.csv`.
     pub csv: String,
     /// How the recording was read where that is not as a matter of course, a sentence each.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
     /// What could not be read.
     pub lost: Vec<Loss>,
 }
 
 /// A channel of joints: the prefix of its columns, and a row of numbers for each stamp, NaN where there is none.
-pub(crate) struct Part {
+pub(crate) struct JointChannel {
     pub prefix: &'static str,
     pub time: Vec<f64>,
     /// Shape `[T, joints]`.
@@ -41,7 +41,7 @@ pub(crate) struct Part {
 }
 
 /// Joins channels, each on its own stamps \[s\], into one table. Joints without a name are left out.
-pub(crate) fn join(joints: &[String], parts: &[Part]) -> String {
+pub(crate) fn join(joints: &[String], parts: &[JointChannel]) -> String {
     let named: Vec<usize> = (0..joints.len()).filter(|j| !joints[*j].is_empty()).collect();
     let mut csv = String::from("time_s");
     for part in parts {
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_slower_channel_shares_the_rows_of_its_stamps() {
-        let part = |prefix, time: &[f64]| Part { prefix, time: time.to_vec(), values: time.to_vec() };
+        let part = |prefix, time: &[f64]| JointChannel { prefix, time: time.to_vec(), values: time.to_vec() };
         let csv = join(&["a".into()], &[part("pos.", &[0.0, 0.1, 0.2, 0.2]), part("cmd_pos.", &[0.0, 0.2])]);
         assert_eq!(csv, "time_s,pos.a,cmd_pos.a\n0,0,0\n0.1,0.1,\n0.2,0.2,0.2\n0.2,0.2,\n");
     }
@@ -94,7 +94,11 @@ mod tests {
     #[test]
     fn channels_are_joined_by_their_stamps() {
         let joints = ["a".to_string(), String::new(), "b,c".to_string()];
-        let part = |prefix, time: &[f64], values: &[f64]| Part { prefix, time: time.to_vec(), values: values.to_vec() };
+        let part = |prefix, time: &[f64], values: &[f64]| JointChannel {
+            prefix,
+            time: time.to_vec(),
+            values: values.to_vec(),
+        };
         let csv = join(
             &joints,
             &[

@@ -214,13 +214,14 @@ pub fn table(text: &str, motors: &Motors) -> Result<Table, RecordingError> {
         csv.push_str(&cells.join(","));
         csv.push('\n');
     }
-    let mut told: Vec<String> = motors.first.iter().map(|first| format!("motors are counted from {first}")).collect();
-    told.push(format!("columns are fields of motors: {} of {} are channels of a run", kept.len(), names.len()));
+    let mut remarks: Vec<String> =
+        motors.first.iter().map(|first| format!("motors are counted from {first}")).collect();
+    remarks.push(format!("columns are fields of motors: {} of {} are channels of a run", kept.len(), names.len()));
     if !unused.is_empty() {
         let some = unused.iter().take(6).copied().collect::<Vec<_>>().join(", ");
-        told.push(format!("not used: {some}{}", if unused.len() > 6 { ", ..." } else { "" }));
+        remarks.push(format!("not used: {some}{}", if unused.len() > 6 { ", ..." } else { "" }));
     }
-    Ok(Table { csv, told, lost: vec![] })
+    Ok(Table { csv, remarks, lost: vec![] })
 }
 
 #[cfg(test)]
@@ -277,7 +278,7 @@ mod tests {
         let table = table("time,q_1,q_2,q_3,q_4\n0,1,2,3,4\n", &motors()).unwrap();
         let header = "time,pos.FR_hip_joint,pos.FR_thigh_joint,pos.FL_hip_joint,pos.FL_thigh_joint";
         assert_eq!(
-            (table.csv.as_str(), table.told[0].as_str()),
+            (table.csv.as_str(), table.remarks[0].as_str()),
             (&*format!("{header}\n0,1,2,3,4\n"), "motors are counted from 1")
         );
     }
@@ -289,7 +290,7 @@ mod tests {
         let table = table(text, &motors()).unwrap();
         let header = "time_s,pos.FR_hip_joint,pos.FR_thigh_joint,pos.FL_hip_joint,pos.FL_thigh_joint";
         assert_eq!(table.csv, format!("{header}\n0,1,2,3,4\n0.1,1,2,3,5\n"));
-        assert_eq!(table.told[1], "not used: temp_0");
+        assert_eq!(table.remarks[1], "not used: temp_0");
         assert!(!is_motor_csv("\"time\",\"POS.a\",\"q_0\"", &motors()), "a table in quotes is a table");
         assert!(!is_motor_csv("time,pos.a,q_0", &motors()) && !is_motor_csv("q_0,q_1", &motors()));
         let error = |text: &str| super::table(text, &motors()).unwrap_err().to_string();

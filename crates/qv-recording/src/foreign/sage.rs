@@ -1,6 +1,6 @@
 //! Folders of SAGE (isaac-sim2real/sage): `state_motor.csv` and `control.csv` with lists in their cells, radians; `joint_list.txt`.
 
-use super::{Part, Settings, Table, join};
+use super::{JointChannel, Settings, Table, join};
 use crate::RecordingError;
 use crate::run::Loss;
 use crate::table::unit_of_time;
@@ -35,8 +35,8 @@ pub fn table(
     });
     let joints = settings.names(state.width, own, "joint_list.txt")?;
     let mut table = Table::default();
-    in_seconds("state_motor.csv", &mut state.time, &mut table.told);
-    table.told.extend(settings.unit.as_ref().map(|unit| format!("positions are read as {unit}")));
+    in_seconds("state_motor.csv", &mut state.time, &mut table.remarks);
+    table.remarks.extend(settings.unit.as_ref().map(|unit| format!("positions are read as {unit}")));
     let lose = |file: &str, lines: &[String]| {
         lines.iter().map(|what| Loss { file: file.into(), what: what.clone(), span: None }).collect::<Vec<_>>()
     };
@@ -50,17 +50,17 @@ pub fn table(
         if k < 2 {
             settings.convert(&joints, &mut values, k == 1);
         }
-        parts.push(Part { prefix, time: state.time.clone(), values });
+        parts.push(JointChannel { prefix, time: state.time.clone(), values });
     }
     if let Some(text) = control {
         let mut control = rows("control.csv", text, Some(joints.len()))?;
         table.lost.extend(lose("control.csv", &control.lost));
-        in_seconds("control.csv", &mut control.time, &mut table.told);
+        in_seconds("control.csv", &mut control.time, &mut table.remarks);
         let mut values = std::mem::take(&mut control.lists[0]);
         settings.convert(&joints, &mut values, false);
         match apart(&state.time, &control.time) {
             Some(what) => table.lost.push(Loss { file: "control.csv".into(), what, span: None }),
-            None => parts.push(Part { prefix: "cmd_pos.", time: control.time, values }),
+            None => parts.push(JointChannel { prefix: "cmd_pos.", time: control.time, values }),
         }
     }
     table.csv = join(&joints, &parts);
@@ -68,10 +68,10 @@ pub fn table(
 }
 
 /// Stamps in seconds, and a sentence where they were written in another unit.
-fn in_seconds(file: &str, time: &mut [f64], told: &mut Vec<String>) {
+fn in_seconds(file: &str, time: &mut [f64], remarks: &mut Vec<String>) {
     let (seconds, unit) = unit_of_time(time[0], time);
     if seconds != 1.0 {
-        told.push(format!("{file}: stamps are {unit}, by their size"));
+        remarks.push(format!("{file}: stamps are {unit}, by their size"));
         time.iter_mut().for_each(|t| *t *= seconds);
     }
 }
@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn a_folder_becomes_a_run() {
         let table = table(STATE, Some(CONTROL), Some("hip\nknee\n"), &Settings::default()).unwrap();
-        assert!(table.told[0].states("stamps"), "{:?}", table.told);
+        assert!(table.remarks[0].states("stamps"), "{:?}", table.remarks);
         assert!(table.lost[0].what.states("timestamp 4 2 1"));
         let run = read_table(table.csv.as_bytes(), "robot = \"r.urdf\"", Some("<robot/>"), None).unwrap();
         assert_eq!(run.joint_names, ["hip", "knee"]);

@@ -130,9 +130,9 @@ impl Settings {
         }
     }
 
-    /// What is said where nothing tells the unit.
+    /// What is said where nothing shows the unit.
     #[cfg(feature = "parquet")]
-    pub(crate) fn told_unit(&self) -> Option<String> {
+    pub(crate) fn unit_remarks(&self) -> Option<String> {
         let is_known = self.unit.is_some() || !self.joint.is_empty();
         (!is_known).then(|| "positions are taken as radians: [dataset] unit in run.toml says otherwise".to_string())
     }

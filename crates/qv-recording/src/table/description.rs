@@ -2,7 +2,7 @@
 
 use super::dialect::{Unit, stated_unit};
 use crate::RecordingError;
-use crate::run::{Actuator, ActuatorKind, Base, JointParameters, Known, Loss};
+use crate::run::{Actuator, ActuatorKind, Base, GainSource, JointParameters, Loss};
 use qv_core::JointSeries;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -70,7 +70,7 @@ struct JointTable {
     tau_max: Option<f64>,
     servo: Option<String>,
     friction_model: Option<String>,
-    /// Those of `qv_sim::servos::KEYS`; others are told as unknown.
+    /// Those of `qv_sim::servos::KEYS`; others are reported as unknown.
     #[serde(flatten)]
     more: BTreeMap<String, toml::Value>,
 }
@@ -282,8 +282,8 @@ impl Description {
             _ => None,
         };
         let gains = [(kp, &each_kp), (kd, &each_kd)].map(|(of_all, each)| match (of_all, each) {
-            (Some(Gain::Unknown), None) => Known::Unknown,
-            _ => Known::Stated,
+            (Some(Gain::Unknown), None) => GainSource::Unknown,
+            _ => GainSource::Stated,
         });
         let number = |of_all: Option<Gain>| of_all.and_then(Gain::number);
         let actuator = Actuator { kind, kp: number(kp), kd: number(kd), tau_max, gains };

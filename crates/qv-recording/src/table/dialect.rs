@@ -1,4 +1,4 @@
-//! How a table is written: separator, decimal commas, unit of time. Found by looking, and told.
+//! How a table is written: separator, decimal commas, unit of time. Found by looking, and reported.
 
 use crate::clean::median_interval;
 use std::io::{Chain, Cursor, Read};
@@ -13,7 +13,7 @@ const SEPARATORS: [(u8, &str); 4] = [(b',', "commas"), (b';', "semicolons"), (b'
 /// comes with the bytes.
 pub(super) fn separator<R: Read>(mut csv: R) -> (u8, &'static str, Chain<Cursor<Vec<u8>>, R>) {
     let mut head = Vec::new();
-    // What cannot be read here cannot be read again either: the rows end there, which is told then.
+    // What cannot be read here cannot be read again either: the rows end there, which is reported then.
     let _ = csv.by_ref().take(HEAD).read_to_end(&mut head);
     // Excel's way to say it, in a line of its own.
     let said = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head).strip_prefix(b"sep=");
@@ -98,7 +98,7 @@ const SLOWEST: f64 = 0.2;
 /// not in steps of hours.
 pub(crate) fn unit_of_time(first: f64, time: &[f64]) -> Unit {
     let interval = median_interval(time);
-    // Of one row, or none that can be told apart, nothing is known.
+    // Of one row, or none that can be distinguished, nothing is known.
     let fits = |(seconds, _): &Unit| !interval.is_finite() || interval * seconds <= SLOWEST;
     let is_of_this_century = |(seconds, _): &Unit| EPOCH.contains(&(first * seconds));
     let mut all = UNITS.into_iter().filter(fits);

@@ -24,7 +24,7 @@ pub(crate) use dialect::unit_of_time;
 /// robot that it names, for the order and limits of its joints. Blank cells are "not measured". The text may be an MJCF's; how an
 /// IMU is mounted is read from a URDF alone then, and left to the caller ([`states_imu`], [`imu::to_trunk`]).
 ///
-/// Separators (`,` `;` tab `|`), decimal commas and the unit of time are found by looking, and told.
+/// Separators (`,` `;` tab `|`), decimal commas and the unit of time are found by looking, and reported.
 ///
 /// # Errors
 /// No `time` column, no position column, no row, an unknown word in `run.toml`. Bad cells and rows, and unknown
@@ -42,9 +42,9 @@ pub fn read_table(
     let mut reader =
         csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).delimiter(separator).from_reader(csv);
     let header = reader.headers().map_err(|e| RecordingError::file("run.csv", "a header line", e.to_string()))?.clone();
-    let mut told = Vec::new();
+    let mut remarks = Vec::new();
     if separator != b',' {
-        told.push(format!("run.csv: columns lie between {separator_name}"));
+        remarks.push(format!("run.csv: columns lie between {separator_name}"));
     }
     let mut lost: Vec<Loss> = unknown_keys(toml_text)
         .into_iter()
@@ -56,7 +56,7 @@ pub fn read_table(
         .collect();
     let layout = Layout::new(&header, mapping, &mut lost)?;
     let unit = description.time_unit()?.or(layout.unit);
-    let (samples, unit) = read_rows(&mut reader, &layout, unit, &mut lost, &mut told)?;
+    let (samples, unit) = read_rows(&mut reader, &layout, unit, &mut lost, &mut remarks)?;
     let mut faults = Vec::new();
     layout.report_names(mapping, &mut faults);
     if samples.time.len() == 1 {
@@ -95,7 +95,7 @@ pub fn read_table(
         sources: vec![source],
         faults,
         lost,
-        told,
+        remarks,
     };
     let in_degrees = description.is_in_degrees()?;
     for (channel, first, width) in &layout.groups {
@@ -121,7 +121,7 @@ pub fn read_table(
     }
     faults::examine(&mut run, mapping);
     turn_imu(&mut run, description.imu_rotation(), urdf);
-    run.tell_uncommanded();
+    run.note_uncommanded();
     Ok(run)
 }
 
@@ -131,8 +131,8 @@ fn turn_imu(run: &mut Run, stated: Option<[f64; 3]>, urdf: Option<&str>) {
     let of_urdf = || Model::from_urdf(urdf?, &ModelOptions::default()).ok().as_ref().and_then(imu::mount_of);
     let mount = stated.map(|rpy| Pose::from_xyz_rpy([0.0; 3], rpy).rotation);
     if let Some(rotation) = mount.or_else(of_urdf).filter(|_| run.base == Base::Free) {
-        let told = imu::to_trunk(run, rotation, stated.is_some());
-        run.told.extend(told);
+        let remarks = imu::to_trunk(run, rotation, stated.is_some());
+        run.remarks.extend(remarks);
     }
 }
 
@@ -313,7 +313,7 @@ fn read_rows(
     layout: &Layout,
     stated: Option<Unit>,
     lost: &mut Vec<Loss>,
-    told: &mut Vec<String>,
+    remarks: &mut Vec<String>,
 ) -> Result<(Samples, &'static str), RecordingError> {
     let mut cells = Cells::default();
     let indices: Vec<usize> =
@@ -371,10 +371,10 @@ fn read_rows(
     bad.report(layout, lost);
     for (_, column) in used.iter().zip(&indices).filter(|(used, _)| **used) {
         let name = if layout.names[*column].is_empty() { "no name" } else { &layout.names[*column] };
-        told.push(format!("run.csv: column {} ({name}) counts rows: it is not used", column + 1));
+        remarks.push(format!("run.csv: column {} ({name}) counts rows: it is not used", column + 1));
     }
     if cells.commas > 0 {
-        told.push(format!("run.csv: decimal commas, in {} cells", cells.commas));
+        remarks.push(format!("run.csv: decimal commas, in {} cells", cells.commas));
     }
     if samples.time.is_empty() {
         let found = match &bad.rows {
@@ -387,7 +387,7 @@ fn read_rows(
     let (seconds, unit) = stated.unwrap_or_else(by_size);
     if seconds != 1.0 {
         if stated.is_none() {
-            told.push(format!("run.csv: stamps are {unit}, by their size (time_unit in run.toml says otherwise)"));
+            remarks.push(format!("run.csv: stamps are {unit}, by their size (time_unit in run.toml says otherwise)"));
         }
         samples.time.iter_mut().for_each(|t| *t *= seconds);
     }

@@ -4,14 +4,14 @@ use crate::facts::States;
 use proptest::prelude::*;
 use qv_recording::cdr::decode;
 use qv_recording::mapping::{Channel, ChannelFields, Mapping, MessageMapping, StreamMapping};
-use qv_recording::plan::{Plan, Wanted};
+use qv_recording::plan::{FieldSelection, Plan};
 use qv_recording::schema::Schema;
 use qv_recording::{BagFile, read_bag, read_table};
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
 fn mapping() -> Mapping {
-    let wanted = |path: &str| vec![Wanted { path: path.into(), elements: vec![0, 1] }];
+    let wanted = |path: &str| vec![FieldSelection { path: path.into(), elements: vec![0, 1] }];
     let channel = |channel, path: &str| ChannelFields { channel, fields: wanted(path) };
     let stream = |topic: &str, fields| StreamMapping {
         role: "test".into(),
@@ -112,7 +112,7 @@ proptest! {
     #[test]
     fn messages_of_any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
         let schema = Schema::parse("p/msg/Arm", ARM).unwrap();
-        let plan = Plan::compile(&schema, &[Wanted { path: "motor[].dq".into(), elements: vec![1, 0] }]).unwrap();
+        let plan = Plan::compile(&schema, &[FieldSelection { path: "motor[].dq".into(), elements: vec![1, 0] }]).unwrap();
         let mut message = vec![0, 1, 0, 0];
         message.extend(bytes);
         let tree = decode(&schema, &message);

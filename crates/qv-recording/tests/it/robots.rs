@@ -3,7 +3,7 @@
 use crate::facts::States;
 use qv_recording::cdr::Writer;
 use qv_recording::mapping::Mapping;
-use qv_recording::robots::{built_in, names, parse, told_by_messages};
+use qv_recording::robots::{built_in, found_by_messages, names, parse};
 use qv_recording::run::{Base, FaultKind, Robot};
 use qv_recording::schema::{Arity, Element, Primitive, Schema};
 use qv_recording::{BagFile, RecordingError, Run, read_bag_of};
@@ -231,11 +231,11 @@ fn every_robot_of_unitree_is_read_to_the_right_joints() {
 #[test]
 fn messages_tell_which_robot_it_is() {
     for (package, right) in [("unitree_go", "go2"), ("unitree_hg", "g1")] {
-        let run = read(&bag(&unitree(package, ""), false), &told_by_messages(), None).unwrap();
+        let run = read(&bag(&unitree(package, ""), false), &found_by_messages(), None).unwrap();
         assert_eq!(run.robot, Robot::Named(right.into()));
     }
     // These could be of several robots; who reads them is named.
-    let error = read(&bag(&unitree("unitree_legged_msgs", ""), false), &told_by_messages(), None).unwrap_err();
+    let error = read(&bag(&unitree("unitree_legged_msgs", ""), false), &found_by_messages(), None).unwrap_err();
     assert!(error.to_string().states("`--robot go1`"), "{error}");
 }
 
@@ -325,9 +325,9 @@ fn any_robot_behind_ros2_control_is_read_by_names() {
     );
     let own = vec![own.unwrap().mapping];
     let cases = [
-        ("sensor_msgs/msg/JointState", "/joint_commands", told_by_messages()),
-        ("sensor_msgs/msg/JointState", "/joint_targets", told_by_messages()),
-        ("trajectory_msgs/msg/JointTrajectory", "/arm_controller/joint_trajectory", told_by_messages()),
+        ("sensor_msgs/msg/JointState", "/joint_commands", found_by_messages()),
+        ("sensor_msgs/msg/JointState", "/joint_targets", found_by_messages()),
+        ("trajectory_msgs/msg/JointTrajectory", "/arm_controller/joint_trajectory", found_by_messages()),
         ("std_msgs/msg/Float64MultiArray", "/forward_position_controller/commands", own),
     ];
     for (kind, topic, mappings) in cases {
@@ -356,7 +356,7 @@ fn any_robot_behind_ros2_control_is_read_by_names() {
 
 #[test]
 fn commands_that_cannot_be_read_rightly_are_named() {
-    let of = |messages: &[Message]| read(&bag(messages, false), &told_by_messages(), None).unwrap();
+    let of = |messages: &[Message]| read(&bag(messages, false), &found_by_messages(), None).unwrap();
     // Without names nobody knows their order.
     let run = of(&ros2("", "std_msgs/msg/Float64MultiArray", "/forward_position_controller/commands"));
     assert_eq!(run.commands.position, None);
@@ -381,7 +381,7 @@ fn commands_that_cannot_be_read_rightly_are_named() {
         message.data = joint_state(message.time, &["elbow", "gripper"], [&[0.5, 0.1], &[], &[]]);
     }
     let run = of(&odd);
-    assert!(run.told.iter().any(|t| t.contains("/joint_commands") && t.contains("gripper")), "{:?}", run.told);
+    assert!(run.remarks.iter().any(|t| t.contains("/joint_commands") && t.contains("gripper")), "{:?}", run.remarks);
     let target = run.commands.position.unwrap();
     assert!(target.row(0)[1] == 0.5 && target.row(0)[0].is_nan(), "{:?}", target.row(0));
 }
@@ -407,7 +407,7 @@ fn a_joint_that_a_message_names_twice_is_told() {
     for message in all.iter_mut().filter(|m| m.topic == "/joint_states") {
         message.data = joint_state(message.time, &["elbow", "wrist", "elbow"], [&[0.1, 0.2, 0.3], &[], &[]]);
     }
-    let run = read(&bag(&all, false), &told_by_messages(), None).unwrap();
+    let run = read(&bag(&all, false), &found_by_messages(), None).unwrap();
     assert_eq!(run.lost.len(), 1, "{:?}", run.lost);
     assert_eq!(run.lost[0].file, "/joint_states");
     assert!(run.lost[0].what.states("joint"), "{:?}", run.lost);
@@ -423,27 +423,27 @@ fn two_robots_are_told_apart_by_namespace_or_refused() {
     };
     let arms = |ns: &str| ros2(ns, "sensor_msgs/msg/JointState", "/joint_commands");
     let bytes = both(arms("/left"), arms("/right"));
-    let error = read(&bytes, &told_by_messages(), None).unwrap_err().to_string();
+    let error = read(&bytes, &found_by_messages(), None).unwrap_err().to_string();
     for word in ["/left/joint_states", "/right/joint_states", "--namespace"] {
         assert!(error.contains(word), "expected {word} in {error}");
     }
-    let run = read(&bytes, &told_by_messages(), Some("/right")).unwrap();
+    let run = read(&bytes, &found_by_messages(), Some("/right")).unwrap();
     let used: Vec<&str> = run.sources.iter().filter(|s| s.used).map(|s| s.name.as_str()).collect();
     assert_eq!(used, ["/right/joint_states", "/right/joint_commands"]);
-    let error = read(&bytes, &told_by_messages(), Some("/up")).unwrap_err().to_string();
+    let error = read(&bytes, &found_by_messages(), Some("/up")).unwrap_err().to_string();
     assert!(error.contains("`/up`") || error.contains("/up/"), "{error}");
     let dogs = both(unitree("unitree_go", "/a"), unitree("unitree_go", "/b"));
-    let error = read(&dogs, &told_by_messages(), None).unwrap_err().to_string();
+    let error = read(&dogs, &found_by_messages(), None).unwrap_err().to_string();
     assert!(error.states("/a/lowstate /b/lowstate"), "{error}");
     // One at the root is that robot; a copy at a lower rate is no other one.
-    let run = read(&both(unitree("unitree_go", ""), unitree("unitree_go", "/b")), &told_by_messages(), None).unwrap();
-    assert!(run.told.iter().any(|t| t.contains("/b/lowstate")), "{:?}", run.told);
-    let run = read(&both(unitree("unitree_go", ""), unitree("unitree_go", "/lf")), &told_by_messages(), None).unwrap();
-    assert!(run.told.is_empty(), "{:?}", run.told);
+    let run = read(&both(unitree("unitree_go", ""), unitree("unitree_go", "/b")), &found_by_messages(), None).unwrap();
+    assert!(run.remarks.iter().any(|t| t.contains("/b/lowstate")), "{:?}", run.remarks);
+    let run = read(&both(unitree("unitree_go", ""), unitree("unitree_go", "/lf")), &found_by_messages(), None).unwrap();
+    assert!(run.remarks.is_empty(), "{:?}", run.remarks);
     let kinds = both(unitree("unitree_go", "/dog"), unitree("unitree_hg", "/man"));
-    let error = read(&kinds, &told_by_messages(), None).unwrap_err().to_string();
+    let error = read(&kinds, &found_by_messages(), None).unwrap_err().to_string();
     assert!(error.states("g1 /man/lowstate go2 /dog/lowstate"), "{error}");
-    let run = read(&kinds, &told_by_messages(), Some("/dog")).unwrap();
+    let run = read(&kinds, &found_by_messages(), Some("/dog")).unwrap();
     assert_eq!(run.robot, Robot::Named("go2".into()));
 }
 
@@ -454,6 +454,6 @@ fn a_recording_brings_its_robot() {
     w.string("<robot name=\"arm\"/>");
     let (topic, type_name) = ("/robot_description".to_owned(), "std_msgs/msg/String");
     all.insert(0, Message { topic, type_name, time: START, data: w.finish() });
-    let run = read(&bag(&all, false), &told_by_messages(), None).unwrap();
+    let run = read(&bag(&all, false), &found_by_messages(), None).unwrap();
     assert_eq!(run.robot, Robot::Urdf("<robot name=\"arm\"/>".into()));
 }

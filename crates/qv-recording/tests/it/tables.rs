@@ -46,7 +46,7 @@ fn seconds(k: usize) -> String {
 fn dialects_give_the_run_of_the_plain_table() {
     let plain = table(",", seconds);
     let right = read(&plain, TOML);
-    assert_eq!((right.told.len(), right.lost.len()), (0, 0), "{:?} {:?}", right.told, right.lost);
+    assert_eq!((right.remarks.len(), right.lost.len()), (0, 0), "{:?} {:?}", right.remarks, right.lost);
     let with_index = |name: &str| {
         let rows = plain.lines().enumerate();
         let row =
@@ -55,7 +55,7 @@ fn dialects_give_the_run_of_the_plain_table() {
     };
     let line_ends = |end: &str| plain.lines().map(|l| format!("{l}{end}\n")).collect::<String>();
     let rows_alone = plain.replacen('\n', "\r", 1).replace('\n', ",\n").replacen('\r', "\n", 1);
-    // What, the table, words of what is told.
+    // What, the table, words of what is reported.
     let quoted = |line: &str| line.split(',').map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(",");
     let header = plain.lines().next().unwrap();
     let cases: [(&str, String, &[&str]); 22] = [
@@ -104,9 +104,9 @@ fn dialects_give_the_run_of_the_plain_table() {
         let run = read(&csv, TOML);
         assert_eq!(run.lost, [], "{what}");
         assert_eq!(run.joint_names, ["a/b c.d"], "{what}");
-        assert_eq!(run.told.len(), words.len(), "{what}: {:?}", run.told);
+        assert_eq!(run.remarks.len(), words.len(), "{what}: {:?}", run.remarks);
         for word in words {
-            assert!(run.told.iter().any(|t| t.contains(word)), "{what}: {:?}", run.told);
+            assert!(run.remarks.iter().any(|t| t.contains(word)), "{what}: {:?}", run.remarks);
         }
         let (found, right) = (run.measured.position.unwrap(), right.measured.position.as_ref().unwrap());
         assert_eq!(found.values, right.values, "{what}");
@@ -161,11 +161,15 @@ fn stops_that_the_recording_went_beyond_are_told_and_not_applied() {
         let text = urdf("0 0 0").replace("upper=\"1\"", &format!("upper=\"{upper}\""));
         let options = ModelOptions { base: BaseKind::Fixed, ..Default::default() };
         let mut model = Model::from_urdf(&text, &options).unwrap();
-        let told = lift(&run, &mut model).join("; ");
-        assert_eq!((told.is_empty(), model.joints[0].upper.is_infinite()), (!is_beyond, is_beyond), "{upper}: {told}");
+        let remarks = lift(&run, &mut model).join("; ");
+        assert_eq!(
+            (remarks.is_empty(), model.joints[0].upper.is_infinite()),
+            (!is_beyond, is_beyond),
+            "{upper}: {remarks}"
+        );
         if is_beyond {
             for word in ["joint `a/b c.d`", "-1.000 to 0.300 rad", "reaches 0.36", "no limit on its position"] {
-                assert!(told.contains(word), "expected {word} in {told}");
+                assert!(remarks.contains(word), "expected {word} in {remarks}");
             }
         }
     }
@@ -242,7 +246,7 @@ fn an_imu_at_any_angle_is_turned_into_the_trunk_once() {
     let upside_down = qv_core::Pose::from_xyz_rpy([0.0; 3], [std::f64::consts::PI, 0.0, std::f64::consts::PI]).rotation;
     let quarter = glam::DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
     let plain = read_table(walk(glam::DQuat::IDENTITY, 1.0).as_bytes(), FREE, Some(&urdf("0 0 0")), None).unwrap();
-    assert!(plain.told.is_empty(), "{:?}", plain.told);
+    assert!(plain.remarks.is_empty(), "{:?}", plain.remarks);
     let stated = format!("{FREE}[imu]\nrotation = [0.4, -0.2, 2.0]\n");
     let upright = glam::DQuat::IDENTITY;
     // What, axes of the channels, run.toml, the URDF's link, words.
@@ -264,7 +268,7 @@ fn an_imu_at_any_angle_is_turned_into_the_trunk_once() {
             "3.141592653589793 0 3.141592653589793",
             "attitude and gyroscope and acceleration are in the trunk's",
         ),
-        // Gravity does not tell these two apart; the poses do.
+        // Gravity does not distinguish these two; the poses do.
         (
             "a quarter turn, in the trunk's axes",
             upright,
@@ -277,7 +281,7 @@ fn an_imu_at_any_angle_is_turned_into_the_trunk_once() {
     for (what, axes, toml, link, word) in cases {
         let run = read_table(walk(axes, 1.0).as_bytes(), toml, Some(&urdf(link)), None).unwrap();
         assert_eq!(run.lost, [], "{what}");
-        assert!(run.told.len() == 1 && run.told[0].contains(word), "{what}: {:?}", run.told);
+        assert!(run.remarks.len() == 1 && run.remarks[0].contains(word), "{what}: {:?}", run.remarks);
         for (name, found, right) in [
             ("attitude", &run.measured.orientation, &plain.measured.orientation),
             ("gyroscope", &run.measured.gyro, &plain.measured.gyro),
@@ -296,7 +300,7 @@ fn an_imu_at_any_angle_is_turned_into_the_trunk_once() {
 fn a_mount_against_gravity_is_told() {
     let toml = format!("{FREE}[imu]\nrotation = [3.14159, 0.0, 0.0]\n");
     let run = read_table(walk(glam::DQuat::IDENTITY, 1.0).as_bytes(), &toml, Some(&urdf("0 0 0")), None).unwrap();
-    assert!(run.told.iter().any(|t| t.states("contradicts") && t.states("leans 3.14")), "{:?}", run.told);
+    assert!(run.remarks.iter().any(|t| t.states("contradicts") && t.states("leans 3.14")), "{:?}", run.remarks);
 }
 
 #[test]

@@ -26,7 +26,7 @@ const TROT: [f64; 2] = [6.2, 10.2];
 const OUTSIDE: [f64; 2] = [1.0, 30.0];
 
 /// Parameters by name.
-type Named = Vec<(String, f64)>;
+type NamedValues = Vec<(String, f64)>;
 
 fn arm() -> Model {
     Model::from_urdf(ARM, &ModelOptions { base: BaseKind::Fixed, ..Default::default() }).unwrap()
@@ -38,7 +38,7 @@ fn go2() -> Model {
 }
 
 /// Eight seconds of an arm that swings, without noise.
-fn record_arm(parameters: &Named) -> Run {
+fn record_arm(parameters: &NamedValues) -> Run {
     let options = SimOptions { max_command_latency: LATENCY, max_sensor_latency: LATENCY, ..Default::default() };
     let mut batch = Batch::<f64>::new(&arm(), &Terrain::none(), &options, 1).unwrap();
     parameters.iter().for_each(|(name, value)| batch.set_parameter(0, name, *value).unwrap());
@@ -65,7 +65,7 @@ fn record_arm(parameters: &Named) -> Run {
 }
 
 /// Four seconds of a Go2 that trots, with the noise of its sensors.
-fn record_go2(parameters: &Named) -> Run {
+fn record_go2(parameters: &NamedValues) -> Run {
     // It settles for half a second before the recording begins, on the simulator's clock.
     let later = |(name, value): &(String, f64)| match name.as_str() {
         "external.start" => (name.clone(), value + 0.5),
@@ -85,12 +85,12 @@ fn record_go2(parameters: &Named) -> Run {
 struct Bench {
     model: Model,
     terrain: Terrain,
-    record: fn(&Named) -> Run,
+    record: fn(&NamedValues) -> Run,
     plain: Run,
 }
 
 impl Bench {
-    fn new(model: Model, terrain: Terrain, record: fn(&Named) -> Run) -> Self {
+    fn new(model: Model, terrain: Terrain, record: fn(&NamedValues) -> Run) -> Self {
         let plain = record(&Vec::new());
         Self { model, terrain, record, plain }
     }
@@ -111,7 +111,7 @@ impl Bench {
     }
 
     /// The effect at its strongest level, on all that it acts on.
-    fn parameters(&self, effect: &Effect) -> Named {
+    fn parameters(&self, effect: &Effect) -> NamedValues {
         let batch = Batch::<f64>::new(&self.model, &self.terrain, &SimOptions::default(), 1).unwrap();
         let weight = 9.81 * self.model.links.iter().map(|l| l.mass).sum::<f64>();
         let largest = |series: &Option<qv_core::JointSeries>, joint: usize| {
@@ -141,7 +141,7 @@ impl Bench {
     }
 
     /// Errors in windows: of positions \[mrad\], of torques \[N m\], both means of joints.
-    fn errors(&self, run: &Run, parameters: &Named) -> [f64; 2] {
+    fn errors(&self, run: &Run, parameters: &NamedValues) -> [f64; 2] {
         let options = ReplayOptions { parameters: parameters.clone(), ..Default::default() };
         let errors = replay(run, &self.model, &self.terrain, &options).unwrap().window_errors;
         let torque = errors.joints.iter().map(|j| j.torque).sum::<f64>() / errors.joints.len() as f64;
@@ -168,17 +168,17 @@ fn what_the_diagnosis_can_name_closes_in_a_replay() {
         let [[without, _], [with, _]] = [bench.errors(&run, &Vec::new()), bench.errors(&run, &truth)];
         let closed = 1.0 - (with.powi(2) - floor.powi(2)) / (without.powi(2) - floor.powi(2));
         let is_seen = without > 1.3 * floor;
-        let told = format!(
+        let remarks = format!(
             "{}: {floor:.3} mrad without an effect; with it {without:.3}, with the right parameters {with:.3}: closed {closed:.3}",
             effect.name
         );
         if REMEMBERED.contains(&effect.name.as_str()) {
-            assert!(with < without, "{told}");
+            assert!(with < without, "{remarks}");
         } else if is_seen {
-            assert!(closed > 0.9, "{told}");
+            assert!(closed > 0.9, "{remarks}");
         } else {
-            assert!(UNSEEN.contains(&effect.name.as_str()), "{told}");
-            assert!(with < 1.15 * floor, "{told}");
+            assert!(UNSEEN.contains(&effect.name.as_str()), "{remarks}");
+            assert!(with < 1.15 * floor, "{remarks}");
         }
     }
 }

@@ -28,7 +28,7 @@ use settings::is_held;
 ///
 /// # Errors
 /// When there is too little to fit or to hold out, or a number is not finite.
-pub fn close(inputs: &Inputs, keep: &dyn Keep, tell: &mut dyn FnMut(Event)) -> Result<Outcome, ResidualError> {
+pub fn close(inputs: &Inputs, keep: &dyn Keep, notify: &mut dyn FnMut(Event)) -> Result<Outcome, ResidualError> {
     let settings = inputs.settings;
     let replayer = Replayer::new(inputs.log, inputs.robot, &inputs.ground.terrain, &inputs.start.settings.task);
     let length = (settings.window * inputs.log.rate).round().max(1.0) as usize;
@@ -47,9 +47,9 @@ pub fn close(inputs: &Inputs, keep: &dyn Keep, tell: &mut dyn FnMut(Event)) -> R
         let expected = "at least 15 stretches of 2 to 10 s of walking on ground that is known to `footing`";
         return Err(ResidualError::input("recordings", expected, found));
     }
-    let mut told = inputs.log.told.clone();
+    let mut remarks = inputs.log.remarks.clone();
     if kept < all {
-        told.push(format!(
+        remarks.push(format!(
             "{} of {all} windows of {} s are left out: feet and ground contradict each other by more than {} m in them",
             all - kept,
             settings.window,
@@ -57,5 +57,5 @@ pub fn close(inputs: &Inputs, keep: &dyn Keep, tell: &mut dyn FnMut(Event)) -> R
         ));
     }
     let tops = tops(&replayer);
-    stages::Loop { inputs, replayer, footing, told, held, length, tops, keep, tell }.run()
+    stages::Loop { inputs, replayer, footing, remarks, held, length, tops, keep, notify }.run()
 }

@@ -61,7 +61,7 @@ pub struct Report {
     /// Seconds of recordings that were used.
     pub seconds: f64,
     /// What was left out of them.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
     /// Candidates in the order in which they were tried.
     pub candidates: Vec<Candidate>,
     /// Index of the candidate whose policy was chosen; `None` = the policy is as it was.

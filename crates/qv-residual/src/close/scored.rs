@@ -5,15 +5,15 @@ use super::report::PathPair;
 use crate::ResidualError;
 use crate::compensation::Compensation;
 use crate::paths::{PathScore, SECONDS, commands, walk};
-use crate::tune::{Corrected, judge_of, score};
+use crate::tune::{CorrectedSimulator, judge_of, score};
 use qv_policy::policy::Policy;
 
 /// Walks in the simulator that no training has seen.
-pub(super) struct Scored {
+pub(super) struct ScoredWalks {
     task: qv_policy::velocity::VelocityTask,
     nominal: qv_policy::velocity::VelocityTask,
     choosing: Walks,
-    telling: Walks,
+    reporting: Walks,
 }
 
 /// Commands of walks, and the seed of what else differs in them.
@@ -25,19 +25,19 @@ struct Walks {
 /// Makes the commands of scores others than those of the choice of iterations.
 const SCORING: u64 = 0x5c0e;
 
-/// Makes the commands of what is told others than those of the choice of policies.
+/// Makes the commands of what is reported others than those of the choice of policies.
 const TELLING: u64 = 0xa9a1;
 
-impl Scored {
+impl ScoredWalks {
     pub fn new(inputs: &Inputs, judging: &Compensation) -> Result<Self, ResidualError> {
         let (robot, task, walks) = (inputs.robot, &inputs.start.settings.task, inputs.settings.walks);
         let seed = inputs.settings.tune.seed ^ SCORING;
         let of = |seed| Walks { commands: commands(&task.commands, walks, seed), seed };
         Ok(Self {
             task: judge_of(robot, inputs.train_on, task, &judging.corrected(robot, task.substeps)?, walks)?,
-            nominal: judge_of(robot, inputs.train_on, task, &Corrected::nominal(), walks)?,
+            nominal: judge_of(robot, inputs.train_on, task, &CorrectedSimulator::nominal(), walks)?,
             choosing: of(seed),
-            telling: of(seed ^ TELLING),
+            reporting: of(seed ^ TELLING),
         })
     }
 
@@ -46,9 +46,9 @@ impl Scored {
         score(policy, &mut self.task, &self.choosing.commands, self.choosing.seed)
     }
 
-    /// A score to tell: the best of several is so by chance, too, and these walks did not choose it.
-    pub fn told(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {
-        score(policy, &mut self.task, &self.telling.commands, self.telling.seed)
+    /// A score to show: the best of several is so by chance, too, and these walks did not choose it.
+    pub fn remarks(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {
+        score(policy, &mut self.task, &self.reporting.commands, self.reporting.seed)
     }
 
     /// One walk of each kind of command.

@@ -3,7 +3,7 @@
 use super::inputs::{Inputs, picked};
 use super::keep::{Event, Keep};
 use super::report::{Candidate, HeldOut, Outcome, Report};
-use super::scored::Scored;
+use super::scored::ScoredWalks;
 use super::settings::is_held;
 use crate::ResidualError;
 use crate::compensation::Compensation;
@@ -14,7 +14,7 @@ use crate::paths::PathScore;
 use crate::residual::{NetKind, ResidualNet, reinforce, supervised};
 use crate::study::Study;
 use crate::training_windows::TrainingWindows;
-use crate::tune::{Corrected, train_on};
+use crate::tune::{CorrectedSimulator, train_on};
 use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::policy::Policy;
 use qv_policy::score::mean_with_error;
@@ -55,22 +55,22 @@ pub struct Loop<'a, 'b> {
     /// Where the ground is known to be right; `None` = everywhere.
     pub footing: Option<Footing>,
     /// What was left out of the recordings.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
     /// Windows by which candidates are compared, and their decisions.
     pub held: Vec<Window>,
     pub length: usize,
     pub tops: Vec<f64>,
     pub keep: &'a dyn Keep,
-    pub tell: &'b mut dyn FnMut(Event),
+    pub notify: &'b mut dyn FnMut(Event),
 }
 
 /// Candidates so far, and the errors on each stretch of the last that stayed.
-struct Tried {
+struct CandidateSet {
     candidates: Vec<Candidate>,
     best: Vec<f64>,
 }
 
-impl Tried {
+impl CandidateSet {
     /// Indices of those that stay, beyond the simulator as it is.
     fn staying(&self) -> Vec<usize> {
         (1..self.candidates.len()).filter(|&k| self.candidates[k].held_out.stays).collect()
@@ -79,7 +79,7 @@ impl Tried {
 
 impl Loop<'_, '_> {
     fn begin(&mut self, stage: usize) {
-        (self.tell)(Event::Stage(STAGES[stage], stage + 1, STAGES.len()));
+        (self.notify)(Event::Stage(STAGES[stage], stage + 1, STAGES.len()));
     }
 
     pub fn run(mut self) -> Result<Outcome, ResidualError> {
@@ -94,12 +94,12 @@ impl Loop<'_, '_> {
                 self.judging(!compensation.shapes.is_empty() || compensation.net.is_some())?
             }
         };
-        let mut scored = Scored::new(self.inputs, &judging)?;
+        let mut scored = ScoredWalks::new(self.inputs, &judging)?;
         let before = scored.score(&policy)?;
         let mut report = Report {
             robot: robot.name.clone(),
             seconds: log.seconds(),
-            told: self.told.clone(),
+            remarks: self.remarks.clone(),
             candidates: tried.candidates,
             chosen: None,
             why: String::new(),
@@ -117,23 +117,23 @@ impl Loop<'_, '_> {
             return Ok(Outcome { policy, report });
         }
         self.begin(7);
-        let control = self.train("control", &Corrected::nominal())?;
+        let control = self.train("control", &CorrectedSimulator::nominal())?;
         let tuned = self.train_all(&staying, &mut report, &mut scored)?;
-        report.before = scored.told(&policy)?;
-        report.after = tuned.as_ref().map_or(Ok(report.before), |tuned| scored.told(tuned))?;
-        report.control = Some(scored.told(&control)?);
+        report.before = scored.remarks(&policy)?;
+        report.after = tuned.as_ref().map_or(Ok(report.before), |tuned| scored.remarks(tuned))?;
+        report.control = Some(scored.remarks(&control)?);
         let chosen = choose(&policy, tuned, &mut report);
         report.paths = scored.pairs(&policy, &chosen)?;
         Ok(Outcome { policy: chosen, report })
     }
 
     /// Each kind of candidate against the last that stayed.
-    fn try_all(&mut self) -> Result<Tried, ResidualError> {
+    fn try_all(&mut self) -> Result<CandidateSet, ResidualError> {
         let Inputs { robot, settings, given, .. } = *self.inputs;
         let for_fits = |k: usize| !is_held(settings, k);
         self.begin(0);
         let (nominal, best) = self.candidate(Compensation::nominal(robot), None)?;
-        let mut tried = Tried { candidates: vec![nominal], best };
+        let mut tried = CandidateSet { candidates: vec![nominal], best };
         if let Some(given) = given {
             self.add(&mut tried, Compensation::given(robot, given))?;
         }
@@ -151,7 +151,7 @@ impl Loop<'_, '_> {
     }
 
     /// Nets, on the best parameters and on the simulator as it is.
-    fn try_nets(&mut self, tried: &mut Tried, base: Compensation) -> Result<(), ResidualError> {
+    fn try_nets(&mut self, tried: &mut CandidateSet, base: Compensation) -> Result<(), ResidualError> {
         let Inputs { robot, settings, .. } = *self.inputs;
         let nets = &settings.nets;
         let sound = |kind| move |net: &ResidualNet| net.check(robot, kind).is_ok();
@@ -159,25 +159,25 @@ impl Loop<'_, '_> {
         self.begin(3);
         let lane = base.lane(&self.replayer)?;
         let net = self.kept("torque net", sound(NetKind::Torque), |this| {
-            let tell = progress(&mut *this.tell, nets.torque.rounds);
-            supervised::train_torque(&this.replayer, &training, &lane, &nets.torque, tell)
+            let notify = progress(&mut *this.notify, nets.torque.rounds);
+            supervised::train_torque(&this.replayer, &training, &lane, &nets.torque, notify)
         })?;
         let kind = format!("{} and a net of torques", base.kind);
         self.add(tried, Compensation { kind, net: Some(net), ..base })?;
         self.begin(4);
         let lane = Lane { window: 0, parameters: Vec::new(), bias: vec![0.0; robot.joints()] };
         let net = self.kept("position net", sound(NetKind::Position), |this| {
-            let tell = progress(&mut *this.tell, nets.position.rounds);
-            supervised::train_position(&this.replayer, &training, &lane, &nets.position, tell)
+            let notify = progress(&mut *this.notify, nets.position.rounds);
+            supervised::train_position(&this.replayer, &training, &lane, &nets.position, notify)
         })?;
         let with = |kind: &str, net| Compensation { kind: kind.into(), net: Some(net), ..Compensation::nominal(robot) };
         self.add(tried, with("a net of targets", net))?;
         self.begin(5);
         let net = self.kept("reinforced net", sound(NetKind::Position), |this| {
-            let (all, tell) = (nets.reinforced.iterations as f64, &mut *this.tell);
+            let (all, notify) = (nets.reinforced.iterations as f64, &mut *this.notify);
             reinforce::train(&this.replayer, &training, &lane, None, &nets.reinforced, |line| {
                 let figure = line.figures.first().map_or(0.0, |(_, x)| f64::from(*x));
-                tell(Event::Progress((line.iteration.index as f64 + 1.0) / all, off(figure)));
+                notify(Event::Progress((line.iteration.index as f64 + 1.0) / all, off(figure)));
             })
         })?;
         self.add(tried, with("a net of targets, taught by reward", net))
@@ -188,7 +188,7 @@ impl Loop<'_, '_> {
         &mut self,
         staying: &[usize],
         report: &mut Report,
-        scored: &mut Scored,
+        scored: &mut ScoredWalks,
     ) -> Result<Option<Policy>, ResidualError> {
         let Inputs { robot, start, .. } = *self.inputs;
         let mut best = None;
@@ -238,7 +238,7 @@ impl Loop<'_, '_> {
     }
 
     /// Tries a candidate against the best so far.
-    fn add(&self, tried: &mut Tried, compensation: Compensation) -> Result<(), ResidualError> {
+    fn add(&self, tried: &mut CandidateSet, compensation: Compensation) -> Result<(), ResidualError> {
         let (candidate, own) = self.candidate(compensation, Some(&tried.best))?;
         if candidate.held_out.stays {
             tried.best = own;
@@ -284,20 +284,20 @@ impl Loop<'_, '_> {
         let (windows, left_out) = windows_of(self.inputs, &self.replayer, footing, from.is_some(), wanted)?;
         let said =
             |name: String| format!("{name}: parameters are fitted without it: it has not the channels of the others");
-        let new = left_out.into_iter().map(said).filter(|line| !self.told.contains(line));
-        self.told.extend(new.collect::<Vec<_>>());
-        let (tell, steps, mut done) = (&mut *self.tell, settings.steps as f64, 0.0);
-        let mut tell = |step: usize, cost: f64| {
+        let new = left_out.into_iter().map(said).filter(|line| !self.remarks.contains(line));
+        self.remarks.extend(new.collect::<Vec<_>>());
+        let (notify, steps, mut done) = (&mut *self.notify, settings.steps as f64, 0.0);
+        let mut notify = |step: usize, cost: f64| {
             done += 1.0;
             // How many parameters are chosen one after another is not known before.
             let share = if from.is_some() { (step as f64 + 1.0) / steps } else { done / (done + steps) };
-            tell(Event::Progress(share, format!("cost {cost:.0}")));
+            notify(Event::Progress(share, format!("cost {cost:.0}")));
         };
         let fit = match from {
-            None => fit_shared_first(&*windows, coordinates, settings, &mut tell)?,
+            None => fit_shared_first(&*windows, coordinates, settings, &mut notify)?,
             Some(from) => {
                 let start = from.at(&coordinates);
-                fit(&*windows, coordinates, &start, settings.steps, &mut tell)?
+                fit(&*windows, coordinates, &start, settings.steps, &mut notify)?
             }
         };
         let text = serde_json::to_string(&(&fit.point, &fit.deviations, &fit.costs)).unwrap_or_default();
@@ -305,17 +305,17 @@ impl Loop<'_, '_> {
         Ok(fit)
     }
 
-    fn train(&mut self, name: &str, corrected: &Corrected) -> Result<Policy, ResidualError> {
+    fn train(&mut self, name: &str, corrected: &CorrectedSimulator) -> Result<Policy, ResidualError> {
         let Inputs { robot, train_on: ground, start, settings, .. } = *self.inputs;
         let mut policy = start.best_policy(robot)?;
         let count = policy.parameters.len();
         let is_sound = |kept: &Vec<f32>| kept.len() == count && kept.iter().all(|x| x.is_finite());
         policy.parameters = self.kept(name, is_sound, |this| {
-            let (tell, all) = (&mut *this.tell, settings.tune.iterations as f64);
+            let (notify, all) = (&mut *this.notify, settings.tune.iterations as f64);
             let tuned = train_on(robot, ground, start, corrected, &settings.tune, |line, score| {
                 if let Some(score) = score {
                     let share = (line.iteration.index as f64 + 1.0) / all;
-                    tell(Event::Progress(share, format!("{:.3} m off the commanded path", score.position)));
+                    notify(Event::Progress(share, format!("{:.3} m off the commanded path", score.position)));
                 }
             })?;
             Ok(tuned.parameters)
@@ -357,12 +357,12 @@ fn off(error: f64) -> String {
     format!("joints off by {:.1} mrad", 1e3 * error)
 }
 
-/// Tells of the rounds of a net: one along the recordings, and `rounds` more.
-fn progress<'a>(tell: &'a mut dyn FnMut(Event), rounds: usize) -> impl FnMut(&supervised::Round) + 'a {
+/// Reports the rounds of a net: one along the recordings, and `rounds` more.
+fn progress<'a>(notify: &'a mut dyn FnMut(Event), rounds: usize) -> impl FnMut(&supervised::Round) + 'a {
     let mut done = 0.0;
     move |round| {
         done += 1.0;
-        tell(Event::Progress(done / (rounds as f64 + 1.0), off(round.driven)));
+        notify(Event::Progress(done / (rounds as f64 + 1.0), off(round.driven)));
     }
 }
 

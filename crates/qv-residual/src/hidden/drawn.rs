@@ -21,7 +21,7 @@ pub enum Outside {
 
 /// A robot with hidden effects.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hidden {
+pub struct HiddenRobot {
     /// What it is called in tables.
     pub name: String,
     /// Parameters of the simulator.
@@ -32,7 +32,7 @@ pub struct Hidden {
     pub engine: Engine,
 }
 
-impl Hidden {
+impl HiddenRobot {
     /// A robot in which nothing is wrong.
     pub fn nothing(engine: Engine) -> Self {
         Self { name: "nothing".into(), parameters: Vec::new(), outside: Vec::new(), engine }

@@ -30,7 +30,7 @@ pub(super) struct Inverse<'a> {
 }
 
 /// One lane's linear problem.
-struct Solved {
+struct LaneSolution {
     factor: Cholesky,
     slopes: Matrix,
     cost: f64,
@@ -99,7 +99,7 @@ impl<'a> Inverse<'a> {
         let this = &*self;
         let wanted: Vec<Vec<f32>> = (0..at.len()).into_par_iter().map(|env| this.wanted(now, env, at[env])).collect();
         let linear = |env: usize| this.linear(env, &wanted[env], &base[env * joints..][..joints]);
-        let mut solved: Vec<Option<Solved>> = (0..at.len()).into_par_iter().map(linear).collect();
+        let mut solved: Vec<Option<LaneSolution>> = (0..at.len()).into_par_iter().map(linear).collect();
         // Once more from there, along the same slopes.
         let first: Vec<f32> =
             solved.iter().flat_map(|s| s.as_ref().map_or_else(|| vec![0.0; joints], |s| s.found.clone())).collect();
@@ -109,7 +109,7 @@ impl<'a> Inverse<'a> {
         self.trial.batch.read_positions(&mut self.trial.q)?;
         self.trial.batch.read_velocities(&mut self.trial.v)?;
         let this = &*self;
-        let again = |(env, solved): (usize, &mut Option<Solved>)| {
+        let again = |(env, solved): (usize, &mut Option<LaneSolution>)| {
             let solved = solved.as_mut()?;
             let rest = rest(&this.trial, env, &wanted[env]);
             let cost = this.cost(&rest, &solved.found);
@@ -145,7 +145,7 @@ impl<'a> Inverse<'a> {
         from.iter().zip(change.iter()).map(|(from, change)| (from + *change as f32).clamp(-MOST, MOST)).collect()
     }
 
-    fn linear(&self, env: usize, wanted: &[f32], base: &[f32]) -> Option<Solved> {
+    fn linear(&self, env: usize, wanted: &[f32], base: &[f32]) -> Option<LaneSolution> {
         let joints = base.len();
         let first = env * (joints + 1);
         let here = rest(&self.probes, first, wanted);
@@ -162,7 +162,7 @@ impl<'a> Inverse<'a> {
         add_diagonal(&mut normal, &vec![self.weight; joints]);
         let factor = Cholesky::new(&normal)?;
         let found = self.moved(&factor, &slopes, &here, base);
-        Some(Solved { factor, cost: self.cost(&here, base), slopes, found })
+        Some(LaneSolution { factor, cost: self.cost(&here, base), slopes, found })
     }
 }
 

@@ -3,7 +3,7 @@
 use super::inputs::{OF_JOINTS, position_scaling};
 use super::net::{NetKind, ResidualNet};
 use crate::ResidualError;
-use qv_policy::compensate::{Compensator, Seen};
+use qv_policy::compensate::{Compensator, SimulatedStates};
 use qv_policy::net::{Mlp, Tape, padded};
 use qv_policy::velocity::TaskRobot;
 use rayon::prelude::*;
@@ -67,7 +67,7 @@ impl Look {
     }
 
     /// The input of one environment, unscaled.
-    pub fn input(&self, env: usize, seen: &Seen, past: &[f32], out: &mut [f32]) {
+    pub fn input(&self, env: usize, seen: &SimulatedStates, past: &[f32], out: &mut [f32]) {
         let joints = self.stand.len();
         let q = &seen.q[env * (7 + joints)..][..7 + joints];
         let v = &seen.v[env * (6 + joints)..][..6 + joints];
@@ -154,7 +154,7 @@ impl PositionResidual {
     }
 
     /// Corrections of all environments `[count][joints]` \[rad\], which are remembered.
-    pub(super) fn corrections(&mut self, seen: &Seen, out: &mut [f32]) {
+    pub(super) fn corrections(&mut self, seen: &SimulatedStates, out: &mut [f32]) {
         let joints = self.past.joints;
         let (net, look, parameters, clip) = (&self.net, &self.look, &self.parameters, self.clip);
         let (offset, scale) = &self.scaling;
@@ -195,7 +195,7 @@ impl Compensator for PositionResidual {
         self.past.fresh[env] = true;
     }
 
-    fn move_targets(&mut self, seen: &Seen, sent: &mut [f32]) {
+    fn move_targets(&mut self, seen: &SimulatedStates, sent: &mut [f32]) {
         let mut moved = vec![0.0; sent.len()];
         self.corrections(seen, &mut moved);
         sent.iter_mut().zip(&moved).for_each(|(sent, moved)| *sent += moved);

@@ -44,7 +44,7 @@ impl Default for ReinforceSettings {
 
 /// What an iteration did, with its figures of the replay.
 #[derive(Debug, Clone, Serialize)]
-pub struct Reinforced {
+pub struct ReinforceIteration {
     /// The learner's.
     pub iteration: Iteration,
     /// Root mean square of joint errors, mean over robots \[rad\]; of corrections \[rad\]; share of steps that lost a robot.
@@ -61,7 +61,7 @@ pub fn train(
     lane: &Lane,
     start: Option<&ResidualNet>,
     settings: &ReinforceSettings,
-    mut tell: impl FnMut(&Reinforced),
+    mut notify: impl FnMut(&ReinforceIteration),
 ) -> Result<ResidualNet, ResidualError> {
     if !(settings.clip > 0.0 && settings.clip <= 10.0) {
         return Err(ResidualError::input("clip", "more than 0, at most 10 rad", settings.clip));
@@ -89,7 +89,7 @@ pub fn train(
         let kept = (ppo.iterations + last).saturating_sub(settings.iterations).max(1);
         let share = 1.0 / kept as f32;
         mean.iter_mut().zip(&ppo.parameters).for_each(|(mean, x)| *mean += share * (x - *mean));
-        tell(&Reinforced { iteration, figures: env.figures() });
+        notify(&ReinforceIteration { iteration, figures: env.figures() });
     }
     Ok(env.net(&ppo.actor, &mean))
 }

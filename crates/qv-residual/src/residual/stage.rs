@@ -2,7 +2,7 @@
 
 use crate::ResidualError;
 use crate::windows::{Lane, Replayer, Window};
-use qv_policy::compensate::Seen;
+use qv_policy::compensate::SimulatedStates;
 use qv_sim::{Batch, BatchCommand};
 
 /// What a correction is.
@@ -56,11 +56,11 @@ impl<'a> Stage<'a> {
         Ok(self.batch.read_geom_forces(&mut self.forces)?)
     }
 
-    pub fn seen(&self) -> Seen<'_> {
-        Seen { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets: &self.asked }
+    pub fn seen(&self) -> SimulatedStates<'_> {
+        SimulatedStates { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets: &self.asked }
     }
 
-    /// Reads the recorded targets of a physics step; `at` tells each lane's place.
+    /// Reads the recorded targets of a physics step; `at` shows each lane's place.
     pub fn ask(&mut self, substep: usize, at: impl Fn(usize) -> Window) {
         for (env, asked) in self.asked.chunks_exact_mut(self.replayer.log.joints).enumerate() {
             asked.copy_from_slice(self.replayer.targets(at(env), substep));

@@ -41,14 +41,14 @@ pub fn train_position(
     windows: &[Window],
     lane: &Lane,
     settings: &SupervisedSettings,
-    tell: impl FnMut(&Round),
+    notify: impl FnMut(&Round),
 ) -> Result<ResidualNet, ResidualError> {
     let inputs = position_inputs(replayer.robot);
     Teacher { replayer, lane, settings, acts: Acts::Position }.train(
         windows,
         [inputs, replayer.log.joints],
         NetKind::Position,
-        tell,
+        notify,
     )
 }
 
@@ -61,10 +61,10 @@ pub fn train_torque(
     windows: &[Window],
     lane: &Lane,
     settings: &SupervisedSettings,
-    tell: impl FnMut(&Round),
+    notify: impl FnMut(&Round),
 ) -> Result<ResidualNet, ResidualError> {
     let inputs = torque_inputs(replayer.robot);
-    Teacher { replayer, lane, settings, acts: Acts::Torque }.train(windows, [inputs, 1], NetKind::Torque, tell)
+    Teacher { replayer, lane, settings, acts: Acts::Torque }.train(windows, [inputs, 1], NetKind::Torque, notify)
 }
 
 struct Teacher<'a> {
@@ -101,7 +101,7 @@ impl Teacher<'_> {
         windows: &[Window],
         [inputs, outputs]: [usize; 2],
         kind: NetKind,
-        mut tell: impl FnMut(&Round),
+        mut notify: impl FnMut(&Round),
     ) -> Result<ResidualNet, ResidualError> {
         let settings = self.settings;
         settings.check()?;
@@ -124,7 +124,7 @@ impl Teacher<'_> {
             let loss = fit(&net, &mut parameters, &samples, settings.passes, settings.rate, &mut random)?;
             let now = ResidualNet::new(kind, self.replayer.robot, &net, &parameters, settings.clip);
             let driven = self.driven(&now, &windows)?;
-            tell(&Round { samples: samples.count, loss, driven });
+            notify(&Round { samples: samples.count, loss, driven });
             if best.as_ref().is_none_or(|(least, _)| driven < *least) {
                 best = Some((driven, now.clone()));
             }

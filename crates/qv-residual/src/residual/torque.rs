@@ -3,7 +3,7 @@
 use super::inputs::{INSTANTS, OF_INSTANT, SCALE, kinds};
 use super::net::{NetKind, ResidualNet};
 use crate::ResidualError;
-use qv_policy::compensate::{Compensator, Seen};
+use qv_policy::compensate::{Compensator, SimulatedStates};
 use qv_policy::net::{Mlp, Tape, padded};
 use qv_policy::velocity::TaskRobot;
 use rayon::prelude::*;
@@ -54,7 +54,7 @@ impl Watch {
     }
 
     /// Takes in the present of all environments, once a physics step.
-    pub fn watch(&mut self, seen: &Seen) {
+    pub fn watch(&mut self, seen: &SimulatedStates) {
         let (joints, kp) = (self.joints(), &self.kp);
         let (width, row) = (self.width(), joints * OF_INSTANT);
         let parts = self.past.par_chunks_exact_mut(width).zip(&mut self.fresh).with_min_len(64);
@@ -126,7 +126,7 @@ impl TorqueResidual {
     }
 
     /// Corrections of the coming physics step over the position gain \[rad\], `[count][joints]`.
-    pub(super) fn corrections(&mut self, seen: &Seen, out: &mut [f32]) {
+    pub(super) fn corrections(&mut self, seen: &SimulatedStates, out: &mut [f32]) {
         self.watch.watch(seen);
         let joints = self.watch.joints();
         let (net, parameters, clip, watch) = (&self.net, &self.parameters, self.clip, &self.watch);
@@ -150,13 +150,13 @@ impl Compensator for TorqueResidual {
         self.watch.begin(env);
     }
 
-    fn move_targets(&mut self, _seen: &Seen, _sent: &mut [f32]) {}
+    fn move_targets(&mut self, _seen: &SimulatedStates, _sent: &mut [f32]) {}
 
     fn adds_torques(&self) -> bool {
         true
     }
 
-    fn add_torques(&mut self, seen: &Seen, added: &mut [f32]) {
+    fn add_torques(&mut self, seen: &SimulatedStates, added: &mut [f32]) {
         self.corrections(seen, added);
         added.iter_mut().zip(self.watch.kp.iter().cycle()).for_each(|(added, kp)| *added *= kp);
     }

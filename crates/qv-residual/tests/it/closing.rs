@@ -9,7 +9,7 @@ use qv_residual::ResidualError;
 use qv_residual::close::{Forget, Inputs, Keep, LoopSettings, NetsSettings, close};
 use qv_residual::compensation::Compensation;
 use qv_residual::fitting::{Windows, fit_shared_first};
-use qv_residual::hidden::{Engine, Hidden, Order};
+use qv_residual::hidden::{Engine, HiddenRobot, Order};
 use qv_residual::identify::{FitSettings, coordinates, tops};
 use qv_residual::log::Log;
 use qv_residual::residual::SupervisedSettings;
@@ -167,7 +167,7 @@ fn standing(seconds: f32) -> Run {
     let training =
         Training::new(&robot, &Ground::plane(), &TrainSettings { robots: 16, ..Default::default() }).unwrap();
     let order = Order { commands: &[(0.0, [0.0; 3])], seconds, place: [0.0; 2], seed: 1 };
-    let hidden = Hidden::nothing(Engine::Ours);
+    let hidden = HiddenRobot::nothing(Engine::Ours);
     hidden.walks(&robot, &Ground::plane(), &training.policy(), 50.0, &[order]).unwrap().remove(0).run
 }
 
@@ -222,7 +222,7 @@ fn a_hole_costs_what_is_missing_and_a_recording_counts_once() {
     log.add("holed", &holed, &robot).unwrap();
     assert_eq!(log.stretches.len(), 2, "before and after the hole");
     assert!(log.seconds() > 8.0 && log.seconds() < 8.9, "{} s", log.seconds());
-    assert!(log.told[0].states("missing"), "{:?}", log.told);
+    assert!(log.remarks[0].states("missing"), "{:?}", log.remarks);
     let mut log = Log::new(&robot, &task);
     log.add("one", &whole, &robot).unwrap();
     let again = log.add("two", &whole, &robot).unwrap_err().to_string();

@@ -133,8 +133,8 @@ fn reinforced_nets_earn_more_and_start_from_others() {
     settings.ppo.critic = vec![32, 32];
     let run = |start: Option<&ResidualNet>| {
         let mut rewards = Vec::new();
-        let tell = |done: &reinforce::Reinforced| rewards.push(done.iteration.reward);
-        let net = reinforce::train(&case.replayer(), &training, &lane, start, &settings, tell).unwrap();
+        let notify = |done: &reinforce::ReinforceIteration| rewards.push(done.iteration.reward);
+        let net = reinforce::train(&case.replayer(), &training, &lane, start, &settings, notify).unwrap();
         (net, rewards)
     };
     let (net, rewards) = on_threads(|| run(None));
@@ -152,13 +152,13 @@ fn reinforced_nets_earn_more_and_start_from_others() {
 fn what_does_not_fit_is_named() {
     let case = Case::new();
     let (replayer, lane) = (case.replayer(), Lane::default());
-    let told = |found: Result<ResidualNet, ResidualError>| found.unwrap_err().to_string();
-    let none = told(train_position(&replayer, &[], &lane, &small(), |_| {}));
+    let remarks = |found: Result<ResidualNet, ResidualError>| found.unwrap_err().to_string();
+    let none = remarks(train_position(&replayer, &[], &lane, &small(), |_| {}));
     assert!(none.states("training"), "{none}");
     let late = [Window { stretch: 0, decision: DECISIONS - 5 }];
-    assert!(told(train_torque(&replayer, &late, &lane, &small(), |_| {})).states("room"));
+    assert!(remarks(train_torque(&replayer, &late, &lane, &small(), |_| {})).states("room"));
     let bad = SupervisedSettings { error: f64::NAN, ..small() };
-    assert!(told(train_position(&replayer, &case.training(), &lane, &bad, |_| {})).starts_with("error"));
+    assert!(remarks(train_position(&replayer, &case.training(), &lane, &bad, |_| {})).starts_with("error"));
     let quick = SupervisedSettings { rounds: 0, passes: 1, windows: 2, ..small() };
     let net = train_position(&replayer, &case.training(), &lane, &quick, |_| {}).unwrap();
     let broken = |change: &dyn Fn(&mut ResidualNet)| {

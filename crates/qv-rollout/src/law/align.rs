@@ -1,6 +1,6 @@
 //! How a recorder stamps torques beside positions and commands, found from what the laws leave at each way it may do so.
 
-use super::{ActuatorModel, Alignment, Between, Channels, Rows, Stamps, State, left, row_at};
+use super::{ActuatorModel, Alignment, Channels, RowInterpolation, Rows, Stamps, State, left, row_at};
 use crate::parameters::Overrides;
 use crate::robot::Rollout;
 use crate::window::Window;
@@ -45,7 +45,7 @@ pub fn align(rollout: &Rollout, windows: &[&Window]) -> Alignment {
             least.iter_mut().zip(&losses[&offsets]).for_each(|(least, loss)| *least = least.min(cost * loss));
         }
         let loss: f64 = least.iter().filter(|x| x.is_finite()).sum();
-        // The first of equals: none where there is nothing to tell them apart.
+        // The first of equals: none where there is nothing to distinguish them.
         if best.is_none_or(|(least, _)| loss < 0.98 * least) {
             let [command, state] = halves.map(|h| 0.5 * h as f64 * tick);
             best = Some((loss, Alignment { command, state }));
@@ -114,7 +114,7 @@ struct Table {
     /// By the command's offset: rows of each of its series that there is.
     commands: BTreeMap<i64, Vec<Vec<usize>>>,
     /// By the state's: places in the positions and the velocities.
-    states: BTreeMap<i64, [Vec<Between>; 2]>,
+    states: BTreeMap<i64, [Vec<RowInterpolation>; 2]>,
 }
 
 impl Table {
@@ -125,7 +125,7 @@ impl Table {
             (halves, channels.commands().into_iter().flatten().map(of).collect())
         };
         let places = |halves: i64| {
-            let of = |series: &JointSeries| at(halves).map(|t| Between::new(series, t, 0)).collect();
+            let of = |series: &JointSeries| at(halves).map(|t| RowInterpolation::new(series, t, 0)).collect();
             (halves, [of(channels.q), of(channels.dq)])
         };
         let distinct = |k: usize| offsets.iter().map(|o| o[k]).collect::<BTreeSet<i64>>().into_iter();
@@ -147,8 +147,8 @@ impl Table {
 
     /// The states of one joint by offset.
     fn states(&self, channels: &Channels) -> BTreeMap<i64, Vec<State>> {
-        let of = |(&halves, [q, dq]): (&i64, &[Vec<Between>; 2])| {
-            let state = |(q, dq): (&Between, &Between)| State {
+        let of = |(&halves, [q, dq]): (&i64, &[Vec<RowInterpolation>; 2])| {
+            let state = |(q, dq): (&RowInterpolation, &RowInterpolation)| State {
                 q: q.of(channels.q, channels.column),
                 dq: dq.of(channels.dq, channels.column),
             };

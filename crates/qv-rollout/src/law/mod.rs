@@ -86,7 +86,7 @@ impl ActuatorModel {
         if row == 0 || velocity.is_empty() {
             return 0.0;
         }
-        let place = Between::new(velocity, torque.time[row - 1], row - 1);
+        let place = RowInterpolation::new(velocity, torque.time[row - 1], row - 1);
         let of = |(&column, scale): (&usize, &f64)| torque.row(row - 1)[column] / scale * place.of(velocity, column);
         let drawn = rollout.columns.iter().zip(&self.torque_scales).map(of).filter(|power| power.is_finite());
         drawn.map(|power| power.max(0.0)).sum()
@@ -179,8 +179,8 @@ impl<'a> Channels<'a> {
 
     /// The state at a time, looked for near `row`, which is moved there.
     fn state(&self, t: f64, row: &mut usize) -> State {
-        let q = Between::new(self.q, t, *row);
-        let dq = Between::new(self.dq, t, q.row);
+        let q = RowInterpolation::new(self.q, t, *row);
+        let dq = RowInterpolation::new(self.dq, t, q.row);
         *row = dq.row;
         State { q: q.of(self.q, self.column), dq: dq.of(self.dq, self.column) }
     }
@@ -199,13 +199,13 @@ fn row_near(series: &JointSeries, t: f64, row: usize) -> usize {
 
 /// A time between two rows of a series.
 #[derive(Clone, Copy)]
-struct Between {
+struct RowInterpolation {
     row: usize,
     /// 0 at the row, 1 at the next.
     share: f64,
 }
 
-impl Between {
+impl RowInterpolation {
     /// `row` is looked in first.
     fn new(series: &JointSeries, t: f64, row: usize) -> Self {
         let row = row_near(series, t, row);

@@ -3,7 +3,7 @@
 //! A lag that began settled on what is asked for at the start would show in the first few time constants only, and its size would come
 //! out too small.
 
-use super::{ActuatorModel, Between, Clock, Lag, State};
+use super::{ActuatorModel, Clock, Lag, RowInterpolation, State};
 use crate::commands::Command;
 use crate::parameters::Overrides;
 use crate::robot::Rollout;
@@ -32,12 +32,12 @@ pub fn lagged(rollout: &Rollout, start: &Start, setting: &Overrides, timestep: f
     let mut torques = vec![0.0; joints];
     for age in (1..=(REMEMBERED * longest / timestep).ceil() as usize).rev() {
         let time = start.time - age as f64 * timestep;
-        // Most motors are late by the same time: they are told the same.
-        let mut told = f64::NAN;
+        // Most motors are late by the same time: they are reported the same.
+        let mut remarks = f64::NAN;
         for (motor, (lag, play)) in motors.iter().zip(&mut lags) {
-            if told != motor.latency {
-                told = motor.latency;
-                start.held.at(time - told, timestep, &mut command);
+            if remarks != motor.latency {
+                remarks = motor.latency;
+                start.held.at(time - remarks, timestep, &mut command);
             }
             let state = state_at(position, velocity, rollout.columns[motor.joint], time + motor.seen_late, &mut rows);
             let demand = motor.demand(&asked(&command, motor.joint), &state, play)
@@ -52,8 +52,8 @@ pub fn lagged(rollout: &Rollout, start: &Start, setting: &Overrides, timestep: f
 }
 
 /// How far the encoders of motors behind springs are ahead of their joints at a `time` near a window \[rad\], shape `[joints]`; `None` where there
-/// are no springs, or nothing says what the motors were asked for. `seen` is the state there, as the encoders tell it but for their bias: what a
-/// motor gives is told by what its own encoder says. A lag is taken to have settled.
+/// are no springs, or nothing says what the motors were asked for. `seen` is the state there, as the encoders show it but for their bias: what a
+/// motor gives is given by what its own encoder says. A lag is taken to have settled.
 pub fn leads(
     rollout: &Rollout,
     start: &Start,
@@ -93,11 +93,11 @@ fn state_at(
     time: f64,
     rows: &mut [usize; 2],
 ) -> State {
-    let place = Between::new(position, time, rows[0]);
+    let place = RowInterpolation::new(position, time, rows[0]);
     rows[0] = place.row;
     let dq = match velocity {
         Some(velocity) => {
-            let place = Between::new(velocity, time, rows[1]);
+            let place = RowInterpolation::new(velocity, time, rows[1]);
             rows[1] = place.row;
             place.of(velocity, column)
         }

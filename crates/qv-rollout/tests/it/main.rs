@@ -78,7 +78,7 @@ fn how_late_a_joint_is_is_found_by_its_replay() {
     assert!((found - 0.03).abs() < 0.004, "{found}");
     let found = lag(&run, &[(latency, 0.03)]).unwrap();
     assert!(found.abs() < 0.001, "{found}");
-    // A pendulum that hangs tells nothing.
+    // A pendulum that hangs shows nothing.
     let mut still = run.clone();
     still.measured.position.iter_mut().for_each(|p| p.values.fill(0.0));
     still.measured.velocity.iter_mut().for_each(|v| v.values.fill(0.0));

@@ -1,11 +1,11 @@
 //! The answer to one recording, as JSON.
 
 use qv_go2::model::JOINT_NAMES;
-use qv_sealed::{Cause, Drawn, Engine, MixedGround, Section, Withheld};
+use qv_sealed::{Cause, DrawnRecipe, Engine, MixedGround, Section, Withheld};
 use serde_json::{Map, Value, json};
 
 /// Everything about one recording.
-pub fn of(case: &str, drawn: &Drawn, redraws: u64) -> Value {
+pub fn of(case: &str, drawn: &DrawnRecipe, redraws: u64) -> Value {
     let recipe = &drawn.recipe;
     let mut effects: Vec<Value> = recipe.causes.iter().map(cause).collect();
     effects.extend(recipe.withheld.iter().map(withheld));

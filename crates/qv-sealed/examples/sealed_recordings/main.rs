@@ -10,7 +10,7 @@ use order::Order;
 use qv_core::random::sub_seed;
 use qv_go2::model::JOINT_NAMES;
 use qv_go2::synthetic::{Message, write_bag};
-use qv_sealed::{Drawn, EngineChoice, Outcome, Request};
+use qv_sealed::{DrawnRecipe, EngineChoice, Outcome, Request};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -127,7 +127,7 @@ fn carry_out(
     if !arguments.twins {
         return Ok(vec![(name, answer)]);
     }
-    let plain = Drawn { recipe: drawn.recipe.without_effects(), ..drawn };
+    let plain = DrawnRecipe { recipe: drawn.recipe.without_effects(), ..drawn };
     let (outcome, messages) = qv_sealed::record(&plain.recipe)?;
     if matches!(outcome, Outcome::Fell { .. }) {
         // Friction may keep a robot up that falls without it: then there is no twin.

@@ -2,13 +2,13 @@
 
 use crate::Arguments;
 use qv_core::random::{SplitMix64, sub_seed};
-use qv_sealed::{EFFECTS, WITHHELD, Wanted, confusable_group};
+use qv_sealed::{EFFECTS, FaultRequest, WITHHELD, confusable_group};
 
 /// One recording to make.
 pub struct Order {
     /// `none`, `single`, `pair` or `withheld`.
     pub case: &'static str,
-    pub wanted: Wanted,
+    pub wanted: FaultRequest,
     /// Which one of its kind, for taking turns.
     pub turn: usize,
 }
@@ -27,18 +27,18 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
     let of = |case, wanted, turn| Order { case, wanted, turn };
     for round in 0..arguments.per_effect {
         // Neighbours differ, so that one recording of each effect already uses both engines.
-        let single = |(i, name): (usize, &String)| of("single", Wanted::Effects(vec![name.clone()]), i + round);
+        let single = |(i, name): (usize, &String)| of("single", FaultRequest::Effects(vec![name.clone()]), i + round);
         orders.extend(effects.iter().enumerate().map(single));
     }
-    orders.extend((0..arguments.none).map(|i| of("none", Wanted::Nothing, i)));
-    let withheld = |i: usize| Wanted::Withheld(WITHHELD[i % WITHHELD.len()].into());
+    orders.extend((0..arguments.none).map(|i| of("none", FaultRequest::Nothing, i)));
+    let withheld = |i: usize| FaultRequest::Withheld(WITHHELD[i % WITHHELD.len()].into());
     // After all of them once, each comes with the other engine.
     orders.extend((0..arguments.withheld).map(|i| of("withheld", withheld(i), i)));
     let pool = if effects.is_empty() { EFFECTS.map(String::from).to_vec() } else { effects };
     let mut draws = SplitMix64::new(sub_seed(arguments.seed, u64::MAX));
     for turn in 0..arguments.pairs {
         let names = pair(&pool, &mut draws).ok_or("--pairs: expected two effects of different confusable groups")?;
-        orders.push(of("pair", Wanted::Effects(names), turn));
+        orders.push(of("pair", FaultRequest::Effects(names), turn));
     }
     if orders.is_empty() && arguments.mixed == 0 {
         return Err("expected --effects, --none, --withheld, --pairs or --mixed, found nothing to record".into());

@@ -5,17 +5,17 @@ use qv_go2::synthetic::{Deviations, Message, write_bag};
 use qv_go2::wire;
 use qv_recording::{BagFile, Run, read_bag};
 use qv_sealed::{
-    ATTEMPTS, EFFECTS, Engine, EngineChoice, Made, Outcome, Recipe, Request, WITHHELD, Wanted, confusable_group,
-    interface,
+    ATTEMPTS, EFFECTS, Engine, EngineChoice, FaultRequest, Outcome, Recipe, Request, ValidRecording, WITHHELD,
+    confusable_group, interface,
 };
 use std::io::Cursor;
 
-fn made(engine: EngineChoice, wanted: Wanted, seed: u64) -> Made {
+fn made(engine: EngineChoice, wanted: FaultRequest, seed: u64) -> ValidRecording {
     qv_sealed::make(&Request { engine, wanted }, seed).unwrap()
 }
 
-fn single(effect: &str) -> Wanted {
-    Wanted::Effects(vec![effect.into()])
+fn single(effect: &str) -> FaultRequest {
+    FaultRequest::Effects(vec![effect.into()])
 }
 
 /// The messages written to a bag and read back.
@@ -87,7 +87,7 @@ fn nudges_do_not_show(recipe: &Recipe) {
     assert!(found > 0.0 && found < 0.05, "{found} deviations");
 }
 
-fn shows(made: &Made, name: &str) {
+fn shows(made: &ValidRecording, name: &str) {
     let without = recorded(&made.drawn.recipe.without_effects());
     let found = difference(&made.messages, &without, &made.drawn.recipe.deviations);
     println!("{name}: {found:.2} deviations, after {} redraws", made.rejected.len());
@@ -97,7 +97,7 @@ fn shows(made: &Made, name: &str) {
 #[test]
 fn a_milligram_does_not_show() {
     for seed in 0..4 {
-        nudges_do_not_show(&made(EngineChoice::Ours, Wanted::Nothing, seed).drawn.recipe);
+        nudges_do_not_show(&made(EngineChoice::Ours, FaultRequest::Nothing, seed).drawn.recipe);
     }
 }
 
@@ -122,7 +122,7 @@ fn each_effect_of_the_library_shows() {
 #[test]
 fn each_withheld_effect_shows_and_is_logged_as_the_robot_would() {
     for (index, name) in WITHHELD.into_iter().enumerate() {
-        let made = made(EngineChoice::Ours, Wanted::Withheld(name.into()), 80 + index as u64);
+        let made = made(EngineChoice::Ours, FaultRequest::Withheld(name.into()), 80 + index as u64);
         let effect = made.drawn.recipe.withheld.as_ref().unwrap();
         assert!(made.drawn.recipe.causes.is_empty() && effect.name == name);
         assert!(!effect.relatives().is_empty() && !effect.relatives().contains(&name), "{effect:?}");
@@ -136,7 +136,7 @@ fn each_withheld_effect_shows_and_is_logged_as_the_robot_would() {
 
 #[test]
 fn what_is_asked_for_is_checked() {
-    for wanted in [single("motor_strenght"), Wanted::Withheld("payload_mass".into())] {
+    for wanted in [single("motor_strenght"), FaultRequest::Withheld("payload_mass".into())] {
         let error = qv_sealed::make(&Request { engine: EngineChoice::Ours, wanted }, 1).unwrap_err().to_string();
         assert!(error.contains("motor_strength") || error.contains("tether"), "{error}");
     }
@@ -144,7 +144,7 @@ fn what_is_asked_for_is_checked() {
 
 #[test]
 fn two_effects_act_at_once() {
-    let wanted = Wanted::Effects(vec!["payload_mass".into(), "imu_tilt".into()]);
+    let wanted = FaultRequest::Effects(vec!["payload_mass".into(), "imu_tilt".into()]);
     let both = made(EngineChoice::Ours, wanted, 3).drawn.recipe;
     assert_eq!(both.causes.len(), 2);
     let names: Vec<String> = both.parameters().into_iter().map(|(name, _)| name).collect();
@@ -179,7 +179,7 @@ mod in_the_second_engine {
 
     #[test]
     fn disturbances_act_step_by_step_and_repeat() {
-        let mut recipe = made(EngineChoice::Second, Wanted::Withheld("stribeck_friction".into()), 4).drawn.recipe;
+        let mut recipe = made(EngineChoice::Second, FaultRequest::Withheld("stribeck_friction".into()), 4).drawn.recipe;
         recipe.plan.sections.truncate(2);
         let with = recorded(&recipe);
         assert_eq!(with, recorded(&recipe));
@@ -198,8 +198,8 @@ mod in_the_second_engine {
 #[cfg(not(feature = "rapier"))]
 #[test]
 fn an_engine_that_is_not_built_in_is_named() {
-    let request = Request { engine: EngineChoice::Second, wanted: Wanted::Nothing };
+    let request = Request { engine: EngineChoice::Second, wanted: FaultRequest::Nothing };
     assert!(qv_sealed::make(&request, 1).unwrap_err().to_string().contains("rapier"));
-    let ours = made(EngineChoice::Ours, Wanted::Nothing, 1).drawn.recipe;
+    let ours = made(EngineChoice::Ours, FaultRequest::Nothing, 1).drawn.recipe;
     assert!(matches!(ours.engine, Engine::Ours { .. }));
 }

@@ -140,7 +140,7 @@ fn scan(bench: &Bench, mut setting: Setting) -> Result<Setting, String> {
     Ok(setting)
 }
 
-/// Tells how much of the error comes from where: the start, and a friction that differs from toss to toss.
+/// Reports how much of the error comes from where: the start, and a friction that differs from toss to toss.
 fn limits(bench: &Bench, flights: &[usize], mut setting: Setting) -> Result<(), String> {
     let paths = simulate(&bench.model, &bench.tosses, &bench.starts, &setting)?;
     let flown: Vec<f64> = (bench.tosses.iter().zip(&paths).zip(flights))

@@ -180,7 +180,7 @@ fn line(points: impl Iterator<Item = (f64, DVec3)> + Clone) -> (DVec3, DVec3) {
 }
 
 /// Median distance between the written angular velocities and those of the poses, read in box and in world axes
-/// \[rad/s\]. The smaller one tells the convention.
+/// \[rad/s\]. The smaller one shows the convention.
 pub fn turning_convention(tosses: &[Toss]) -> (f64, f64) {
     let (mut in_box, mut in_world) = (Vec::new(), Vec::new());
     for pair in tosses.iter().flat_map(|toss| toss.samples.windows(2)) {

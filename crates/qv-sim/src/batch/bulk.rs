@@ -242,7 +242,7 @@ impl<T: Precision> Batch<T> {
         done.map(|_| ())
     }
 
-    /// [`Batch::set_state`] for all environments of which `mask` is true; `state(env)` tells the state of each.
+    /// [`Batch::set_state`] for all environments of which `mask` is true; `state(env)` shows the state of each.
     ///
     /// # Errors
     /// When the mask's length is off, and as [`Batch::set_state`]; environments before the bad one are set then.

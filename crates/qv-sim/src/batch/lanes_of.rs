@@ -6,7 +6,7 @@ use crate::SimError;
 use crate::commands::{BatchCommand, JointCommand};
 use crate::engine::block::{Block, CommandLanes, KeptContact, Work};
 use crate::engine::derive::Deriver;
-use crate::engine::step::{Shared, StepBlocks};
+use crate::engine::step::{BlockContext, StepBlocks};
 use crate::lanes::{Real, Scalar, set, set_mask};
 use crate::model::Model;
 use crate::parameters::ActsOn;
@@ -20,14 +20,14 @@ pub(crate) trait Engine: Send + Sync {
     fn padded(&self) -> usize;
     fn bytes(&self) -> usize;
     /// Steps with held commands, or with one of `commands` (as many as steps) for all in each step.
-    fn step(&mut self, shared: &Shared, steps: usize, commands: &[JointCommand], parallel: bool);
-    fn write_state(&mut self, shared: &Shared, env: usize, q: &[f64], v: &[f64]);
+    fn step(&mut self, shared: &BlockContext, steps: usize, commands: &[JointCommand], parallel: bool);
+    fn write_state(&mut self, shared: &BlockContext, env: usize, q: &[f64], v: &[f64]);
     fn read_state(&self, env: usize, q: &mut [f64], v: &mut [f64]);
     /// State of `age` steps ago (not whole: interpolated), as far back as is kept.
     fn read_past_state(&self, env: usize, age: f64, q: &mut [f64], v: &mut [f64]);
     fn past_joint(&self, env: usize, age: f64, sizes: [usize; 2], at: [usize; 2]) -> [f64; 2];
-    fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand);
-    fn write_command_to_all(&mut self, shared: &Shared, command: &JointCommand);
+    fn write_command(&mut self, shared: &BlockContext, env: usize, age: Option<usize>, command: &JointCommand);
+    fn write_command_to_all(&mut self, shared: &BlockContext, command: &JointCommand);
     fn derive(&mut self, deriver: &Deriver, acts_on: ActsOn, values: &[f64], env: usize) -> Result<(), SimError>;
     fn derive_all(&mut self, deriver: &Deriver, values: &[f64], env: usize) -> Result<(), SimError>;
     fn torque(&self, env: usize) -> Vec<f64>;
@@ -39,22 +39,22 @@ pub(crate) trait Engine: Send + Sync {
     fn restore_blocks(&mut self, blocks: &(dyn Any + Send + Sync)) -> bool;
     fn read_bulk(&self, quantity: Quantity, count: usize, out: &mut [f32]);
     fn base_motion(&self, env: usize) -> BaseMotion;
-    fn write_commands(&mut self, shared: &Shared, commands: &BatchCommand);
+    fn write_commands(&mut self, shared: &BlockContext, commands: &BatchCommand);
     fn write_added_torques(&mut self, torques: &[f32]);
     fn write_lagged_torques(&mut self, env: usize, torques: &[f64]);
     fn write_wrench(&mut self, env: usize, link: usize, wrench: [f64; 6]);
     fn add_velocity(&mut self, env: usize, change: &[f64]);
-    fn read_geoms(&mut self, shared: &Shared, geoms: &[usize], out: GeomMotion);
-    fn contacts(&self, shared: &Shared, env: usize) -> Vec<ContactPoint>;
-    fn read_lane(&self, shared: &Shared, env: usize, values: &mut Vec<f64>);
-    fn write_lane(&mut self, shared: &Shared, env: usize, values: &[f64]);
+    fn read_geoms(&mut self, shared: &BlockContext, geoms: &[usize], out: GeomMotion);
+    fn contacts(&self, shared: &BlockContext, env: usize) -> Vec<ContactPoint>;
+    fn read_lane(&self, shared: &BlockContext, env: usize, values: &mut Vec<f64>);
+    fn write_lane(&mut self, shared: &BlockContext, env: usize, values: &[f64]);
 }
 
 /// Chooses an engine for a precision.
 pub trait Dispatch: Scalar {
     #[doc(hidden)]
     #[allow(private_interfaces)]
-    fn engine(model: &Model, shared: &Shared, materials: usize, count: usize) -> Box<dyn Engine>;
+    fn engine(model: &Model, shared: &BlockContext, materials: usize, count: usize) -> Box<dyn Engine>;
 }
 
 /// The precision of a simulation: `f64` or `f32`.
@@ -66,7 +66,7 @@ macro_rules! dispatch {
     ($scalar:ty, $wide:ident, $narrow:ident) => {
         impl Dispatch for $scalar {
             #[allow(private_interfaces)]
-            fn engine(model: &Model, shared: &Shared, materials: usize, count: usize) -> Box<dyn Engine> {
+            fn engine(model: &Model, shared: &BlockContext, materials: usize, count: usize) -> Box<dyn Engine> {
                 #[cfg(target_arch = "x86_64")]
                 {
                     use crate::lanes::{$narrow, $wide};
@@ -96,7 +96,7 @@ struct Lanes<L: Real> {
 }
 
 impl<L: Real> Lanes<L> {
-    fn new(model: &Model, shared: &Shared, materials: usize, count: usize) -> Self {
+    fn new(model: &Model, shared: &BlockContext, materials: usize, count: usize) -> Self {
         let options = &shared.options;
         let seen = if options.max_sensor_latency > 0.0 { options.ring(options.max_sensor_latency) } else { 0 };
         let commands = options.ring(options.max_command_latency);
@@ -136,7 +136,7 @@ impl<L: Real> Engine for Lanes<L> {
         self.blocks.iter().map(Block::bytes).sum()
     }
 
-    fn step(&mut self, shared: &Shared, steps: usize, commands: &[JointCommand], parallel: bool) {
+    fn step(&mut self, shared: &BlockContext, steps: usize, commands: &[JointCommand], parallel: bool) {
         let threads = if parallel { rayon::current_num_threads() } else { 1 };
         // A few shares per thread, so that a thread that finishes early takes another.
         let shares = if threads == 1 { 1 } else { (4 * threads).min(self.blocks.len()) };
@@ -158,7 +158,7 @@ impl<L: Real> Engine for Lanes<L> {
         }
     }
 
-    fn write_state(&mut self, shared: &Shared, env: usize, q: &[f64], v: &[f64]) {
+    fn write_state(&mut self, shared: &BlockContext, env: usize, q: &[f64], v: &[f64]) {
         let topology = &shared.topology;
         let (block, lane) = self.at_mut(env);
         q.iter().zip(&mut block.q).for_each(|(&x, target)| set(target, lane, x));
@@ -224,7 +224,7 @@ impl<L: Real> Engine for Lanes<L> {
         })
     }
 
-    fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand) {
+    fn write_command(&mut self, shared: &BlockContext, env: usize, age: Option<usize>, command: &JointCommand) {
         let joints = shared.topology.joints;
         let (block, lane) = self.at_mut(env);
         let slots = (block.commands.len() / joints.max(1)).max(1);
@@ -249,7 +249,7 @@ impl<L: Real> Engine for Lanes<L> {
         }
     }
 
-    fn write_command_to_all(&mut self, shared: &Shared, command: &JointCommand) {
+    fn write_command_to_all(&mut self, shared: &BlockContext, command: &JointCommand) {
         let joints = shared.topology.joints;
         for block in &mut self.blocks {
             block.command_all(joints, command);
@@ -318,7 +318,7 @@ impl<L: Real> Engine for Lanes<L> {
         motion
     }
 
-    fn write_commands(&mut self, shared: &Shared, commands: &BatchCommand) {
+    fn write_commands(&mut self, shared: &BlockContext, commands: &BatchCommand) {
         transfer::write_commands(&mut self.blocks, shared.topology.joints, self.count, commands);
     }
 
@@ -346,7 +346,7 @@ impl<L: Real> Engine for Lanes<L> {
         }
     }
 
-    fn read_geoms(&mut self, shared: &Shared, geoms: &[usize], out: GeomMotion) {
+    fn read_geoms(&mut self, shared: &BlockContext, geoms: &[usize], out: GeomMotion) {
         let body = transfer::ReadGeoms {
             shared,
             blocks: &self.blocks,
@@ -359,17 +359,17 @@ impl<L: Real> Engine for Lanes<L> {
         unsafe { L::with_features(body) }
     }
 
-    fn contacts(&self, shared: &Shared, env: usize) -> Vec<ContactPoint> {
+    fn contacts(&self, shared: &BlockContext, env: usize) -> Vec<ContactPoint> {
         let (block, lane) = self.at(env);
         transfer::contacts(block, lane, shared)
     }
 
-    fn read_lane(&self, shared: &Shared, env: usize, values: &mut Vec<f64>) {
+    fn read_lane(&self, shared: &BlockContext, env: usize, values: &mut Vec<f64>) {
         let (block, lane) = self.at(env);
         transfer::read_lane(block, lane, &shared.topology, values);
     }
 
-    fn write_lane(&mut self, shared: &Shared, env: usize, values: &[f64]) {
+    fn write_lane(&mut self, shared: &BlockContext, env: usize, values: &[f64]) {
         let (block, lane) = self.at_mut(env);
         transfer::write_lane(block, lane, &shared.topology, values);
     }

@@ -5,7 +5,7 @@ use crate::commands::BatchCommand;
 use crate::engine::block::{Block, CommandLanes, Work};
 use crate::engine::collide::origin;
 use crate::engine::kinematics::kinematics;
-use crate::engine::step::Shared;
+use crate::engine::step::BlockContext;
 use crate::engine::topology::Topology;
 use crate::engine::vector::{add, angular, cross, linear};
 use crate::lanes::{Kernel, Real, Scalar, set, set_mask};
@@ -84,7 +84,7 @@ pub(super) fn write_added_torques<L: Real>(blocks: &mut [Block<L>], count: usize
 
 /// Where shapes are and how fast their centres move, from the present positions and velocities.
 pub(super) struct ReadGeoms<'a, L: Real> {
-    pub shared: &'a Shared,
+    pub shared: &'a BlockContext,
     pub blocks: &'a [Block<L>],
     pub work: &'a mut Work<L>,
     pub geoms: &'a [usize],
@@ -117,7 +117,7 @@ impl<L: Real> Kernel<L> for ReadGeoms<'_, L> {
     }
 }
 
-pub(super) fn contacts<L: Real>(block: &Block<L>, lane: usize, shared: &Shared) -> Vec<ContactPoint> {
+pub(super) fn contacts<L: Real>(block: &Block<L>, lane: usize, shared: &BlockContext) -> Vec<ContactPoint> {
     let read = |v: &[L; 3]| [v[0].lane(lane).to_f64(), v[1].lane(lane).to_f64(), v[2].lane(lane).to_f64()];
     let kept = block.kept.iter().zip(&shared.colliders.slots).filter(|(kept, _)| L::mask_lane(kept.active, lane));
     kept.map(|(kept, slot)| ContactPoint {

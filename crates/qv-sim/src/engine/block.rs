@@ -119,7 +119,7 @@ pub(crate) struct Block<L: Real> {
     pub kept: Vec<KeptContact<L>>,
     /// Lanes whose lags nobody watched since their state was set: they are taken to have settled.
     pub settled: L::Mask,
-    /// Lanes that were not told what was in force before: they take their first command as all earlier ones, too.
+    /// Lanes that were not reported what was in force before: they take their first command as all earlier ones, too.
     pub pastless: L::Mask,
     /// Lanes whose numbers ran away.
     pub faulty: L::Mask,

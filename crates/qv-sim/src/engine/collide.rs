@@ -347,13 +347,13 @@ fn lane9<L: Real>(m: &M3<L>, lane: usize) -> DMat3 {
 }
 
 /// The ground's placement in each environment.
-struct Placed<L: Real> {
+struct PlacedTerrain<L: Real> {
     origin: V3<L>,
     /// No environment of the block has tilted ground.
     level: bool,
 }
 
-impl<L: Real> Placed<L> {
+impl<L: Real> PlacedTerrain<L> {
     #[inline(always)]
     fn new(origin: V3<L>, block: &Block<L>) -> Self {
         let mut level = true;
@@ -384,7 +384,7 @@ struct Lane {
 
 impl Lane {
     #[inline(always)]
-    fn new<L: Real>(lane: usize, placed: &Placed<L>, block: &Block<L>) -> Self {
+    fn new<L: Real>(lane: usize, placed: &PlacedTerrain<L>, block: &Block<L>) -> Self {
         let tilt = if placed.level { DMat3::IDENTITY } else { lane9(&block.ground.tilt, lane) };
         let raised = DVec3::new(0.0, 0.0, block.ground.height.lane(lane).to_f64());
         Self { lane, level: placed.level, tilt, base: lane3(&placed.origin, lane), raised }
@@ -409,7 +409,7 @@ impl Lane {
 
 #[inline(always)]
 fn touch_triangles<L: Real>(colliders: &Colliders, origin: V3<L>, used: usize, block: &Block<L>, work: &mut Work<L>) {
-    let placed = Placed::new(origin, block);
+    let placed = PlacedTerrain::new(origin, block);
     for collider in &colliders.geoms {
         clear_slots(collider, work);
         let (rotation, centre) = geom_pose(collider, block, work);

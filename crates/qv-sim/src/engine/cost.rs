@@ -4,12 +4,16 @@ use super::array::Array;
 use super::block::Work;
 use super::dynamics::HEAD;
 use super::rows::{ActsOn, ContactRows, LimitRow};
-use super::scratch::Evaluated;
+use super::scratch::ContactEvaluation;
 use super::topology::Topology;
 use crate::lanes::{Mask, Real};
 
 #[inline(always)]
-pub(super) fn evaluate<L: Real, const D: usize>(rows: &ContactRows<L>, residual: &[L; 6], out: &mut Evaluated<L>) {
+pub(super) fn evaluate<L: Real, const D: usize>(
+    rows: &ContactRows<L>,
+    residual: &[L; 6],
+    out: &mut ContactEvaluation<L>,
+) {
     let zero = L::zero();
     let mu = rows.cone;
     let normal = residual[0] * mu;
@@ -42,7 +46,7 @@ pub(super) fn evaluate<L: Real, const D: usize>(rows: &ContactRows<L>, residual:
 
 /// The cost's Hessian for one contact, `[row][column]`, symmetric.
 #[inline(always)]
-pub(super) fn contact_hessian<L: Real, const D: usize>(rows: &ContactRows<L>, z: &Evaluated<L>) -> [[L; 6]; 6] {
+pub(super) fn contact_hessian<L: Real, const D: usize>(rows: &ContactRows<L>, z: &ContactEvaluation<L>) -> [[L; 6]; 6] {
     let zero = L::zero();
     let mut out = [[zero; 6]; 6];
     for i in 0..D {

@@ -1,4 +1,4 @@
-//! What Newton's method is told, and the vectors that it works with.
+//! What Newton's method is reported, and the vectors that it works with.
 
 use super::array::Array;
 use super::rows::ActsOn;
@@ -20,8 +20,8 @@ pub(crate) struct Scratch<L: Real> {
     pub residual: Array<[L; 6]>,
     pub along: Array<[L; 6]>,
     /// Contact forces at the residuals and where those lie, and the same at a trial step.
-    pub(super) contact: Array<Evaluated<L>>,
-    pub(super) trial: Array<Evaluated<L>>,
+    pub(super) contact: Array<ContactEvaluation<L>>,
+    pub(super) trial: Array<ContactEvaluation<L>>,
 }
 
 impl<L: Real> Scratch<L> {
@@ -35,15 +35,15 @@ impl<L: Real> Scratch<L> {
             m_search: zero,
             residual: vec![[L::zero(); 6]; slots].into(),
             along: vec![[L::zero(); 6]; slots].into(),
-            contact: vec![Evaluated::new(); slots].into(),
-            trial: vec![Evaluated::new(); slots].into(),
+            contact: vec![ContactEvaluation::new(); slots].into(),
+            trial: vec![ContactEvaluation::new(); slots].into(),
         }
     }
 }
 
 /// A contact at one residual: its force, and where the residual lies in the cone's cost (MuJoCo's zones).
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Evaluated<L: Real> {
+pub(super) struct ContactEvaluation<L: Real> {
     /// Minus the gradient of the cost.
     pub force: [L; 6],
     /// Inside the polar cone: plain quadratic.
@@ -58,7 +58,7 @@ pub(super) struct Evaluated<L: Real> {
     pub u: [L; 5],
 }
 
-impl<L: Real> Evaluated<L> {
+impl<L: Real> ContactEvaluation<L> {
     pub fn new() -> Self {
         let (zero, never) = (L::zero(), L::Mask::splat(false));
         let (force, u) = ([zero; 6], [zero; 5]);

@@ -5,7 +5,7 @@ use super::block::{Block, Work};
 use super::cost::{evaluate, friction_force, limit_force, project};
 use super::dynamics::{factor, multiply_packed, solve};
 use super::rows::Rows;
-use super::scratch::{Evaluated, NewtonSettings};
+use super::scratch::{ContactEvaluation, NewtonSettings};
 use crate::lanes::Real;
 
 /// Replaces the last acceleration by the one without constraints, in lanes where that costs less.
@@ -63,7 +63,7 @@ fn constraint_cost<L: Real, const D: usize>(
         for k in 0..D {
             residual[k] -= rows.reference[k];
         }
-        let mut z = Evaluated::new();
+        let mut z = ContactEvaluation::new();
         evaluate::<L, D>(rows, &residual, &mut z);
         let mut bottom = zero;
         for k in 0..D {

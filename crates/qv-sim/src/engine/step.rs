@@ -19,7 +19,7 @@ use crate::options::SimOptions;
 
 /// What all blocks of a batch share.
 #[derive(Clone)]
-pub(crate) struct Shared {
+pub(crate) struct BlockContext {
     pub topology: Topology,
     pub colliders: Colliders,
     pub weights: Weights,
@@ -30,7 +30,7 @@ pub(crate) struct Shared {
 
 /// Steps a run of blocks with one work space.
 pub(crate) struct StepBlocks<'a, L: Real> {
-    pub shared: &'a Shared,
+    pub shared: &'a BlockContext,
     pub blocks: &'a mut [Block<L>],
     /// Index of the first block in the batch.
     pub first: usize,
@@ -59,8 +59,8 @@ impl<L: Real> Kernel<L> for StepBlocks<'_, L> {
 
 /// Advances one block by one time step.
 #[inline(always)]
-pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, work: &mut Work<L>) {
-    let Shared { topology, colliders, options, .. } = shared;
+pub(crate) fn step<L: Real>(shared: &BlockContext, used: usize, block: &mut Block<L>, work: &mut Work<L>) {
+    let BlockContext { topology, colliders, options, .. } = shared;
     kinematics(topology, block, work);
     forces(shared, block, work);
     collide(topology, colliders, used, block, work);
@@ -106,8 +106,8 @@ pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, 
 
 /// Bias, mass matrix, actuators and outside forces.
 #[inline(always)]
-fn forces<L: Real>(shared: &Shared, block: &mut Block<L>, work: &mut Work<L>) {
-    let Shared { topology, options, .. } = shared;
+fn forces<L: Real>(shared: &BlockContext, block: &mut Block<L>, work: &mut Work<L>) {
+    let BlockContext { topology, options, .. } = shared;
     bias_forces(topology, options.gravity, block, work);
     mass_matrix(topology, block, work);
     let outside = external_share(block, options.timestep);
@@ -150,7 +150,7 @@ fn wrenches<L: Real>(topology: &Topology, block: &Block<L>, work: &mut Work<L>) 
 }
 
 #[inline(always)]
-fn contact_forces<L: Real>(shared: &Shared, block: &mut Block<L>, work: &mut Work<L>) {
+fn contact_forces<L: Real>(shared: &BlockContext, block: &mut Block<L>, work: &mut Work<L>) {
     block.geom_force.fill(L::zero());
     block.geom_push.fill(L::zero());
     for &slot in &work.live {
@@ -165,7 +165,7 @@ fn contact_forces<L: Real>(shared: &Shared, block: &mut Block<L>, work: &mut Wor
 
 /// Remembers each contact slot of the step, where the batch keeps them.
 #[inline(always)]
-fn keep_contacts<L: Real>(shared: &Shared, block: &mut Block<L>, work: &Work<L>) {
+fn keep_contacts<L: Real>(shared: &BlockContext, block: &mut Block<L>, work: &Work<L>) {
     if block.kept.is_empty() {
         return;
     }
@@ -193,7 +193,7 @@ fn force_in_world<L: Real>(slot: usize, work: &Work<L>) -> V3<L> {
 /// The acceleration with damping taken at the end of the step (MuJoCo's implicitfast):
 /// `(M + h D) a = forces`, where the solver found `forces = M a_0`.
 #[inline(always)]
-fn accelerate<L: Real>(shared: &Shared, block: &mut Block<L>, work: &mut Work<L>) {
+fn accelerate<L: Real>(shared: &BlockContext, block: &mut Block<L>, work: &mut Work<L>) {
     let topology = &shared.topology;
     block.warm.copy_from_slice(&work.newton.a);
     block.acceleration.copy_from_slice(&work.newton.a);
@@ -215,7 +215,7 @@ const RUNAWAY: f64 = 1e6;
 
 /// Velocities first, then positions with the new velocities. A lane whose numbers ran away stays where it was.
 #[inline(always)]
-fn integrate<L: Real>(shared: &Shared, block: &mut Block<L>) {
+fn integrate<L: Real>(shared: &BlockContext, block: &mut Block<L>) {
     let topology = &shared.topology;
     let step = L::splat(shared.options.timestep);
     let mut fine = !block.faulty;

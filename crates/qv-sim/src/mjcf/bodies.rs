@@ -166,7 +166,7 @@ impl<'a> Reader<'a> {
             match geom.text("type") {
                 Some(kind @ ("plane" | "hfield")) => {
                     self.robot
-                        .told
+                        .remarks
                         .push(format!("the {kind} {place} is ground: the terrain is given apart from the robot"));
                 }
                 _ => others.push(place),
@@ -396,8 +396,9 @@ impl<'a> Reader<'a> {
             }
             if let (Ok(Shape::Points(_)), true) = (&geom.shape, geom.weighs) {
                 let name = &self.robot.links[link].name;
-                let told = format!("body `{name}` weighs what the convex hull of its mesh does (line {})", geom.line);
-                self.robot.told.push(told);
+                let remarks =
+                    format!("body `{name}` weighs what the convex hull of its mesh does (line {})", geom.line);
+                self.robot.remarks.push(remarks);
             }
         }
         let line = geoms.first().map_or(0, |g| g.line);
@@ -429,9 +430,9 @@ impl<'a> Reader<'a> {
         }
         let body = self.robot.links[link].name.clone();
         if let Ok(Shape::Ellipsoid(_)) = &geom.shape {
-            let told =
+            let remarks =
                 format!("the ellipsoid of body `{body}` (line {}) is a hull of it, 2 % flatter at most", geom.line);
-            self.robot.told.push(told);
+            self.robot.remarks.push(remarks);
         }
         let geometry = match &geom.shape {
             Ok(shape) => match shape.geometry() {
@@ -463,7 +464,9 @@ impl<'a> Reader<'a> {
     fn say_contacts(&mut self) {
         if !self.contacts.is_empty() {
             let names = self.contacts.join(", ");
-            self.robot.told.push(format!("{names} of geoms are not taken: the ground has friction and stiffness here"));
+            self.robot
+                .remarks
+                .push(format!("{names} of geoms are not taken: the ground has friction and stiffness here"));
         }
     }
 }

@@ -4,7 +4,7 @@
 //! inertiafromgeom, inertiagrouprange), inertials or the masses of geoms, hinge, slide and free joints (any anchor, several on
 //! one body), geoms for contact, sites as frames, position, velocity, motor and general actuators, the site of the IMU, the
 //! keyframe of the stance. What is left out is named in [`Model::left_out`], what is read in a way of our own in
-//! [`Model::told`]. Format: <https://mujoco.readthedocs.io/en/stable/XMLreference.html>.
+//! [`Model::remarks`]. Format: <https://mujoco.readthedocs.io/en/stable/XMLreference.html>.
 
 mod actuators;
 mod attributes;
@@ -101,7 +101,7 @@ impl MjcfModel {
         let timestep = sections::option(&tree, &mut reader)?;
         let base = if reader.base_place.is_some() { options.base } else { BaseKind::Fixed };
         if base != options.base {
-            reader.robot.told.push("no body has a free joint: the robot is fixed in the world".into());
+            reader.robot.remarks.push("no body has a free joint: the robot is fixed in the world".into());
         }
         let inner = ModelOptions { base, armature: 0.0, mesh_vertices: options.mesh_vertices, held: options.held };
         let mut model =
@@ -171,7 +171,7 @@ fn say_gains(model: &mut Model, gains: &[Option<Gains>]) {
     let one = |(g, names): &(Gains, Vec<&str>)| format!("kp {} kd {} of {}", g.kp, g.kd, names.join(" "));
     let all: Vec<String> = kinds.iter().map(one).collect();
     if !all.is_empty() {
-        model.told.push(format!("the file's gains: {}", all.join("; ")));
+        model.remarks.push(format!("the file's gains: {}", all.join("; ")));
     }
 }
 

@@ -130,10 +130,10 @@ pub(super) fn strange(tree: &Tree) -> Vec<String> {
         }
     }
     let more = |count: usize| if count == 0 { String::new() } else { format!(" and {count} more") };
-    let told = attributes.into_iter().map(|(tag, name, place, others)| {
+    let remarks = attributes.into_iter().map(|(tag, name, place, others)| {
         format!("attribute `{name}` of {place}{}: MuJoCo's <{tag}> has none of that name", more(others))
     });
-    elements.extend(told);
+    elements.extend(remarks);
     elements
 }
 

@@ -60,7 +60,7 @@ fn imu_site(tree: &Tree, reader: &mut Reader) -> Option<String> {
     let chosen = found.iter().find(|name| *name == IMU).or(found.first()).cloned();
     if let (Some(chosen), true) = (&chosen, found.len() > 1) {
         let others: Vec<String> = found.iter().filter(|f| *f != chosen).map(|f| format!("`{f}`")).collect();
-        reader.robot.told.push(format!("the IMU is that at site `{chosen}`, not at {}", others.join(", ")));
+        reader.robot.remarks.push(format!("the IMU is that at site `{chosen}`, not at {}", others.join(", ")));
     }
     chosen
 }
@@ -80,7 +80,7 @@ pub(super) fn left_out(tree: &Tree, reader: &mut Reader) {
     }
 }
 
-/// Tells of the settings of `<option>`, which are the caller's here. Returns the time step \[s\].
+/// Reports the settings of `<option>`, which are the caller's here. Returns the time step \[s\].
 pub(super) fn option(tree: &Tree, reader: &mut Reader) -> Result<Option<f64>, SimError> {
     let mut timestep = None;
     for section in tree.sections("option") {
@@ -91,7 +91,7 @@ pub(super) fn option(tree: &Tree, reader: &mut Reader) -> Result<Option<f64>, Si
         let settings: Vec<String> = settings.map(|(name, value)| format!("{name} {value}")).collect();
         if !settings.is_empty() {
             let place = tree.place(section);
-            reader.robot.told.push(format!("<option> {} {place} is the caller's to set", settings.join(", ")));
+            reader.robot.remarks.push(format!("<option> {} {place} is the caller's to set", settings.join(", ")));
         }
     }
     Ok(timestep)

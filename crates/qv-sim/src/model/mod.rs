@@ -146,7 +146,7 @@ pub struct Model {
     /// Parts of the URDF that were left out, in words (collision meshes that nobody could read).
     pub left_out: Vec<String>,
     /// What the URDF says that cannot be so, or leaves open, and how it was read, a sentence each. Nothing is lost by these.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
     /// Joints of the file that do not move here: fixed ones, and those that the options hold.
     pub still: Vec<String>,
     joint_names: Vec<String>,

@@ -27,7 +27,7 @@ pub struct ModelOptions<'a> {
 
 impl Model {
     /// Reads any URDF tree. Links behind fixed joints merge into the link that carries them; only then are masses and
-    /// inertias judged. What cannot be as the file says is told in [`Model::told`].
+    /// inertias judged. What cannot be as the file says is reported in [`Model::remarks`].
     ///
     /// A `floating` joint below the root, with fixed joints alone between them, leads to the free base: what the root carries
     /// beside it is the world.
@@ -46,7 +46,7 @@ impl Model {
     /// As [`Model::from_urdf`].
     pub(crate) fn from_robot(robot: &urdf::Robot, options: &ModelOptions) -> Result<Self, SimError> {
         let tree = Tree::new(robot)?;
-        let model = Model { told: robot.told.clone(), ..empty(&robot.name, options.base) };
+        let model = Model { remarks: robot.remarks.clone(), ..empty(&robot.name, options.base) };
         let mut builder = Builder { robot, tree: &tree, options, model, impossible: Vec::new() };
         builder.root()?;
         builder.judge()?;
@@ -68,7 +68,7 @@ fn empty(name: &str, base: BaseKind) -> Model {
         geoms: Vec::new(),
         frames: Vec::new(),
         left_out: Vec::new(),
-        told: Vec::new(),
+        remarks: Vec::new(),
         still: Vec::new(),
         joint_names: Vec::new(),
     }
@@ -259,7 +259,7 @@ impl Builder<'_> {
             return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint });
         }
         let link = self.model.links.len();
-        let joint = read_joint(urdf, link, self.options.armature, &mut self.model.told)?;
+        let joint = read_joint(urdf, link, self.options.armature, &mut self.model.remarks)?;
         if let Some((_, position)) = self.options.held.iter().find(|(name, _)| *name == urdf.name) {
             self.model.still.push(urdf.name.clone());
             return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint * joint.motion(*position) });
@@ -363,8 +363,8 @@ impl Builder<'_> {
                 return Err(link_error(&link.name, "a positive definite inertia (it is the free base)", found));
             }
             if !members.is_empty() {
-                let told = told_of(&members, &link.name, how);
-                self.model.told.push(told);
+                let remarks = remarks_of(&members, &link.name, how);
+                self.model.remarks.push(remarks);
             }
         }
         Ok(())
@@ -380,8 +380,8 @@ fn hull(points: &[DVec3]) -> Result<Vec<DVec3>, String> {
     Ok(hull)
 }
 
-/// What is told of links whose inertias no body can have.
-fn told_of(members: &[&LinkElement], carrier: &str, how: &str) -> String {
+/// What is reported for links whose inertias no body can have.
+fn remarks_of(members: &[&LinkElement], carrier: &str, how: &str) -> String {
     let one = |link: &&LinkElement| {
         let [a, b, c] = link.inertial.map_or([0.0; 3], |i| principal_moments(&matrix(&i.inertia)));
         format!("`{}` ({a:.3e}, {b:.3e}, {c:.3e} kg m², line {})", link.name, link.line)
@@ -427,7 +427,7 @@ fn mass_properties(link: &LinkElement) -> Result<MassProperties, SimError> {
     Ok(own.transformed(&origin_pose(link, &inertial.origin, line)?))
 }
 
-fn read_joint(urdf: &JointElement, link: usize, armature: f64, told: &mut Vec<String>) -> Result<Joint, SimError> {
+fn read_joint(urdf: &JointElement, link: usize, armature: f64, remarks: &mut Vec<String>) -> Result<Joint, SimError> {
     let wrong =
         |expected: &str, found: String| joint_error(&urdf.name, expected, format!("{found} (line {})", urdf.line));
     let (kind, limited) = match urdf.kind {
@@ -453,7 +453,7 @@ fn read_joint(urdf: &JointElement, link: usize, armature: f64, told: &mut Vec<St
     let (lower, upper) = if limited { (limit.lower, limit.upper) } else { (f64::NEG_INFINITY, f64::INFINITY) };
     let (lower, upper) = if lower > upper {
         let sentence = format!("limits {lower} to {upper} (line {}) are upside down: swapped", urdf.line);
-        told.push(format!("joint `{}`: {sentence}", urdf.name));
+        remarks.push(format!("joint `{}`: {sentence}", urdf.name));
         (upper, lower)
     } else {
         (lower, upper)

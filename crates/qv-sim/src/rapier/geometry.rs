@@ -17,7 +17,7 @@ pub(super) fn axis_frame(axis: DVec3) -> DQuat {
 }
 
 /// Shape with its pose in the link, and the skin that stands for `radius_offset` where there is no radius \[m\].
-pub(super) struct Skinned {
+pub(super) struct SkinnedShape {
     pub shape: SharedShape,
     pub link_from_shape: RapierPose,
     pub skin: f64,
@@ -27,7 +27,7 @@ pub(super) struct Skinned {
 ///
 /// # Errors
 /// When the offset leaves no radius, or the hull has no volume.
-pub(super) fn shape(model: &Model, geom: &Geom, radius_offset: f64, length: f64) -> Result<Skinned, SimError> {
+pub(super) fn shape(model: &Model, geom: &Geom, radius_offset: f64, length: f64) -> Result<SkinnedShape, SimError> {
     let positive = |radius: f64| {
         let (what, expected) = (format!("radius of shape `{}`", geom.name), "more than 0 m".into());
         if radius > 0.0 { Ok(radius) } else { Err(SimError::Value { what, expected, found: radius }) }
@@ -57,5 +57,5 @@ pub(super) fn shape(model: &Model, geom: &Geom, radius_offset: f64, length: f64)
             found: format!("{} points of shape `{}` without one", points.len(), geom.name),
         })?,
     };
-    Ok(Skinned { shape, link_from_shape, skin })
+    Ok(SkinnedShape { shape, link_from_shape, skin })
 }

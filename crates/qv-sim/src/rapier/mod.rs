@@ -1,5 +1,5 @@
 //! A second engine behind the same questions: rapier's reduced-coordinate multibodies, with actuators and sensors of
-//! their own. Nothing is tuned against it and it is tuned against nothing: it tells which findings are the simulator's.
+//! their own. Nothing is tuned against it and it is tuned against nothing: it shows which findings are the simulator's.
 //!
 //! It takes the model, terrain, states, commands and parameters of [`crate::Batch`], one environment at a time. What
 //! differs: contacts are rapier's (velocity-level solver, several substeps per step, spring and damper of the contact's

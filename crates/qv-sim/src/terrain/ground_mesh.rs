@@ -1,4 +1,4 @@
-//! A triangle mesh as ground: a tree finds the triangles in a box, a grid tells of most boxes that there are none.
+//! A triangle mesh as ground: a tree finds the triangles in a box, a grid reports most boxes that there are none.
 
 use super::roof::Roof;
 use super::triangle::{SurfaceContact, Triangle, bounds};

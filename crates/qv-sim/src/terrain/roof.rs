@@ -1,4 +1,4 @@
-//! Greatest heights over blocks of cells: tells that a box is above all ground without a look at a triangle.
+//! Greatest heights over blocks of cells: shows that a box is above all ground without a look at a triangle.
 
 /// Maxima of a grid of cells, and of its blocks of 2 x 2, 4 x 4 and so on.
 #[derive(Debug)]

@@ -12,7 +12,7 @@ pub struct Robot {
     /// Joints in the order of the file.
     pub joints: Vec<JointElement>,
     /// What the file lacks or states twice, and how it was read, a sentence each.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
 }
 
 /// A `<link>`.

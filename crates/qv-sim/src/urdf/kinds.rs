@@ -15,7 +15,7 @@ pub(crate) fn of_root(name: &str) -> String {
     format!("{what}, with the root <{name}>")
 }
 
-/// What a text is that is no XML, as far as its beginning tells; `reason` is what the parser said.
+/// What a text is that is no XML, as far as its beginning shows; `reason` is what the parser said.
 pub(crate) fn of_text(xml: &str, reason: &str) -> String {
     let start = xml.trim_start();
     let begins = |with: &str| start.get(..with.len()).is_some_and(|s| s.eq_ignore_ascii_case(with));

@@ -26,7 +26,7 @@ pub(super) fn robot(xml: &str) -> Result<Robot, SimError> {
         return Err(SimError::UrdfSyntax(xacro));
     }
     let version = version(root.attribute("version"));
-    let mut reader = Reader { lines: Lines::new(&text), version, told: Vec::new() };
+    let mut reader = Reader { lines: Lines::new(&text), version, remarks: Vec::new() };
     let mut robot = Robot { name: root.attribute("name").unwrap_or_default().to_owned(), ..Default::default() };
     for element in root.children().filter(Node::is_element) {
         match element.tag_name().name() {
@@ -36,7 +36,7 @@ pub(super) fn robot(xml: &str) -> Result<Robot, SimError> {
             _ => {}
         }
     }
-    robot.told = reader.told;
+    robot.remarks = reader.remarks;
     Ok(robot)
 }
 
@@ -103,7 +103,7 @@ impl Owner<'_> {
 struct Reader {
     lines: Lines,
     version: (u32, u32),
-    told: Vec<String>,
+    remarks: Vec<String>,
 }
 
 impl Reader {
@@ -138,7 +138,7 @@ impl Reader {
                 tensor
             }
             None => {
-                self.told.push(format!("{} has a mass and no <inertia> (line {line}): a point mass", owner.words()));
+                self.remarks.push(format!("{} has a mass and no <inertia> (line {line}): a point mass", owner.words()));
                 [0.0; 6]
             }
         };
@@ -208,7 +208,8 @@ impl Reader {
             if self.version >= (1, 2) { (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY) } else { (0.0, 0.0, 0.0) };
         if self.version < (1, 2) && kind != JointType::Fixed && node.attribute("velocity").is_none() {
             let line = self.lines.of(node);
-            self.told.push(format!("{}: its <limit> states no `velocity` (line {line}): none is set", owner.words()));
+            self.remarks
+                .push(format!("{}: its <limit> states no `velocity` (line {line}): none is set", owner.words()));
         }
         Ok(Limit {
             lower: self.number_or(owner, node, "lower", lower)?,

@@ -26,11 +26,11 @@ pub fn decode(bytes: &[u8]) -> Result<(String, Option<String>), SimError> {
     let encoding =
         if [UTF_16LE, UTF_16BE].contains(&encoding) && bytes.starts_with(b"<?xml") { UTF_8 } else { encoding };
     let (text, _, malformed) = encoding.decode(bytes);
-    let told = malformed.then(|| {
+    let remarks = malformed.then(|| {
         let line = 1 + text.split('\u{fffd}').next().unwrap_or_default().matches('\n').count();
         format!("bytes that are not {} (line {line}) are read as \u{fffd}", encoding.name())
     });
-    Ok((text.into_owned(), told))
+    Ok((text.into_owned(), remarks))
 }
 
 /// The value of `encoding` in the XML declaration.
@@ -72,8 +72,8 @@ mod tests {
             ("UTF-16 declared, UTF-8 meant", with("UTF-16").into_bytes()),
         ];
         for (what, bytes) in cases {
-            let (text, told) = decode(&bytes).expect(what);
-            assert!(text.ends_with(NAME) && told.is_none(), "{what}: {text}, {told:?}");
+            let (text, remarks) = decode(&bytes).expect(what);
+            assert!(text.ends_with(NAME) && remarks.is_none(), "{what}: {text}, {remarks:?}");
         }
         let mut chinese = b"<?xml version=\"1.0\" encoding=\"GBK\"?><robot name=\"".to_vec();
         chinese.extend([0xbb, 0xfa, 0xc6, 0xf7]);
@@ -82,8 +82,8 @@ mod tests {
 
     #[test]
     fn what_is_not_in_the_encoding_is_told() {
-        let (text, told) = decode(b"<robot>\n<!-- Gr\xf6\xdfe --></robot>").unwrap();
-        assert!(text.ends_with("--></robot>") && told.unwrap().states("line 2"));
+        let (text, remarks) = decode(b"<robot>\n<!-- Gr\xf6\xdfe --></robot>").unwrap();
+        assert!(text.ends_with("--></robot>") && remarks.unwrap().states("line 2"));
         let error = decode(b"<?xml version=\"1.0\" encoding=\"klingon\"?><robot/>").unwrap_err().to_string();
         assert!(error.contains("klingon"), "{error}");
     }

@@ -39,7 +39,7 @@ fn what_loads_and_what_is_told_of_it() {
     let arm = inertial(0.5, 0.001);
     let two = r#"<visual><geometry><box size="1 1 1"/></geometry><material name="a"/><material name="b"/></visual>"#;
     let odd = [1e-3, 0.0, 0.0, 1e-3, 0.0, 3e-3];
-    // What, the URDF, words of the one sentence that is told, if any.
+    // What, the URDF, words of the one sentence that is reported, if any.
     let cases: [(&str, String, &[&str]); 11] = [
         ("two materials", robot(two, &arm, LIMIT, ""), &[]),
         ("a frame with a mass of nothing", robot("", &arm, LIMIT, &fixed(&mass(1e-6, [0.0; 6]))), &[]),
@@ -78,12 +78,12 @@ fn what_loads_and_what_is_told_of_it() {
         ("prefixes without declarations", robot("<old:tag old:x=\"1\"><new:tag/></old:tag>", &arm, LIMIT, ""), &[]),
     ];
     for (what, urdf, words) in cases {
-        // An absent `velocity` alone is told of the limits upside down as well.
+        // An absent `velocity` alone is reported for the limits upside down as well.
         let model = read(&urdf).unwrap_or_else(|e| panic!("{what}: {e}"));
         assert!(model.left_out.is_empty(), "{what}: {:?}", model.left_out);
-        assert_eq!(model.told.is_empty(), words.is_empty(), "{what}: {:?}", model.told);
+        assert_eq!(model.remarks.is_empty(), words.is_empty(), "{what}: {:?}", model.remarks);
         for word in words {
-            assert!(model.told.iter().any(|t| t.contains(word)), "{what}: expected `{word}` in {:?}", model.told);
+            assert!(model.remarks.iter().any(|t| t.contains(word)), "{what}: expected `{word}` in {:?}", model.remarks);
         }
         let mut batch = Batch::<f64>::new(&model, &Terrain::plane(), &SimOptions::default(), 1).expect(what);
         batch.step_many(100);

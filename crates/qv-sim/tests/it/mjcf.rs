@@ -1,4 +1,4 @@
-//! MJCF files as models: against MuJoCo (`fixtures/mjcf`), what is told, what is refused.
+//! MJCF files as models: against MuJoCo (`fixtures/mjcf`), what is reported, what is refused.
 
 use crate::against_mujoco::compare;
 use crate::facts::States;
@@ -58,13 +58,13 @@ fn what_lies_beside_the_model() {
     for word in
         ["the plane (line 34)", "friction, condim of geoms", "integrator implicitfast", "kp 45 kd 1.5 of a_roll"]
     {
-        assert!(model.told.iter().any(|t| t.contains(word)), "{word}: {:?}", model.told);
+        assert!(model.remarks.iter().any(|t| t.contains(word)), "{word}: {:?}", model.remarks);
     }
     let arm = fixture("arm", BaseKind::Floating);
     assert_eq!(arm.stand.unwrap().joints, [0.1, 0.2, 0.3, -0.4, 0.5]);
     assert_eq!((arm.model.base, arm.model.links.len()), (BaseKind::Fixed, 5));
-    assert!(arm.model.told.iter().any(|t| t.states("fixed")), "{:?}", arm.model.told);
-    assert!(arm.model.told.iter().any(|t| t.states("`elbow`")), "{:?}", arm.model.told);
+    assert!(arm.model.remarks.iter().any(|t| t.states("fixed")), "{:?}", arm.model.remarks);
+    assert!(arm.model.remarks.iter().any(|t| t.states("`elbow`")), "{:?}", arm.model.remarks);
     assert!(arm.model.left_out.iter().any(|t| t.states("control")), "{:?}", arm.model.left_out);
     assert!(arm.model.geoms.iter().any(|g| matches!(&g.shape, Shape::Hull(points) if points.len() == 6)));
 }

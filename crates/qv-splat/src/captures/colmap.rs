@@ -3,8 +3,8 @@
 //! Poses are `camera_from_world` with OpenCV's axes; pixel centres lie at one half, as ours do. Points are not read.
 
 pub use super::colmap_cameras::Model;
-use super::colmap_cameras::{Intrinsics, Posed};
-use super::pictures::Shown;
+use super::colmap_cameras::{Intrinsics, PosedImage};
+use super::pictures::ImageOrientation;
 use super::{Attachments, Capture, CaptureCamera, finish};
 use crate::SplatError;
 use crate::error::off;
@@ -28,9 +28,9 @@ pub fn read_binary(cameras: &[u8], images: &[u8]) -> Result<Capture, SplatError>
 }
 
 /// Images with their intrinsics, sorted by name, since COLMAP's own order varies from run to run.
-fn join(cameras: BTreeMap<u32, Intrinsics>, mut images: Vec<Posed>, place: &str) -> Result<Capture, SplatError> {
+fn join(cameras: BTreeMap<u32, Intrinsics>, mut images: Vec<PosedImage>, place: &str) -> Result<Capture, SplatError> {
     images.sort_by(|a, b| a.name.cmp(&b.name));
-    let one = |image: Posed| {
+    let one = |image: PosedImage| {
         let found = cameras.get(&image.camera);
         let intrinsics = found
             .ok_or_else(|| off(format!("{place}, image {}", image.name), "the number of a camera", image.camera))?;
@@ -40,7 +40,7 @@ fn join(cameras: BTreeMap<u32, Intrinsics>, mut images: Vec<Posed>, place: &str)
         Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image.name), attachments })
     };
     let capture = finish(images.into_iter().map(one).collect::<Result<_, SplatError>>()?, place)?;
-    Ok(Capture { shown: Shown::Stored, ..capture })
+    Ok(Capture { shown: ImageOrientation::Stored, ..capture })
 }
 
 #[cfg(test)]

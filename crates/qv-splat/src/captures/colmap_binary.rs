@@ -1,6 +1,6 @@
 //! COLMAP's binary files, little-endian.
 
-use super::colmap_cameras::{Intrinsics, Model, Posed, pose};
+use super::colmap_cameras::{Intrinsics, Model, PosedImage, pose};
 use crate::SplatError;
 use crate::cursor::Cursor;
 use crate::error::off;
@@ -29,7 +29,7 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Intrinsics>, SplatError> {
 }
 
 /// `images.bin`: count, then number, quaternion, translation, camera, name up to a zero, points of each.
-pub fn images(bytes: &[u8]) -> Result<Vec<Posed>, SplatError> {
+pub fn images(bytes: &[u8]) -> Result<Vec<PosedImage>, SplatError> {
     let mut cursor = Cursor::new(bytes, "images.bin");
     let mut out = Vec::new();
     for _ in 0..cursor.u64("count")? {
@@ -45,7 +45,7 @@ pub fn images(bytes: &[u8]) -> Result<Vec<Posed>, SplatError> {
         let name = name(&mut cursor, &place)?;
         let points = cursor.u64("points of an image")?;
         cursor.take(points.saturating_mul(POINT), "points of an image")?;
-        out.push(Posed { camera, camera_from_world, name });
+        out.push(PosedImage { camera, camera_from_world, name });
     }
     end(&cursor, "images.bin")?;
     Ok(out)

@@ -29,7 +29,7 @@ pub(super) struct Intrinsics {
 
 /// An image with its pose.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Posed {
+pub(super) struct PosedImage {
     pub camera: u32,
     pub camera_from_world: Pose,
     pub name: String,

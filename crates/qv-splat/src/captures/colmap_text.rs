@@ -1,6 +1,6 @@
 //! COLMAP's text files.
 
-use super::colmap_cameras::{Intrinsics, Model, Posed, pose};
+use super::colmap_cameras::{Intrinsics, Model, PosedImage, pose};
 use crate::SplatError;
 use crate::error::off;
 use std::collections::BTreeMap;
@@ -37,7 +37,7 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, Intrinsics>, SplatError> {
 }
 
 /// `images.txt`: two lines for each image, of which the second, with its points, may be empty and is not read.
-pub fn images(text: &str) -> Result<Vec<Posed>, SplatError> {
+pub fn images(text: &str) -> Result<Vec<PosedImage>, SplatError> {
     let mut out = Vec::new();
     let mut lines = lines(text);
     while let Some((number, line)) = lines.next() {
@@ -60,7 +60,7 @@ pub fn images(text: &str) -> Result<Vec<Posed>, SplatError> {
             return Err(off(place, "seven numbers of a pose", numbers.len()));
         };
         let camera_from_world = pose([w, x, y, z], [tx, ty, tz], &place)?;
-        out.push(Posed { camera: parse(words[8], &place)?, camera_from_world, name: rest.into() });
+        out.push(PosedImage { camera: parse(words[8], &place)?, camera_from_world, name: rest.into() });
         if let Some((number, line)) = lines.next() {
             check_points(number, line)?;
         }

@@ -26,9 +26,9 @@ pub struct Capture {
     /// What could not be used, a line each.
     pub lost: Vec<String>,
     /// What was taken for granted or chosen, a line each; nothing is lost by it.
-    pub told: Vec<String>,
-    /// Which images the cameras are of, where EXIF tells to turn them.
-    pub shown: pictures::Shown,
+    pub remarks: Vec<String>,
+    /// Which images the cameras are of, where EXIF shows to turn them.
+    pub shown: pictures::ImageOrientation,
 }
 
 /// Gives width and height of an image by its path, or says why not.
@@ -37,7 +37,7 @@ pub type Sizes<'a> = &'a mut dyn FnMut(&str) -> Result<[u32; 2], String>;
 /// A camera with its image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CaptureCamera {
-    /// What tells it from the others: the image's file without folder and ending, or with the folders when two would be alike.
+    /// What distinguishs it from the others: the image's file without folder and ending, or with the folders when two would be alike.
     pub name: String,
     /// Intrinsics and pose; OpenCV's axes, pixel centres at one half.
     pub camera: Camera,

@@ -1,7 +1,7 @@
 //! nerfstudio's `transforms.json` (docs.nerf.studio, *Data conventions*, nerfstudio 1.x), which instant-ngp began.
 //!
 //! `transform_matrix` is `world_from_camera` with OpenGL's axes: x right, y up, z back. Intrinsics stand once, or with each
-//! frame. The poses are taken as they are: `applied_transform` tells where they came from and is passed over. `mask_path`,
+//! frame. The poses are taken as they are: `applied_transform` shows where they came from and is passed over. `mask_path`,
 //! `depth_file_path` (16 bits, `depth_unit_scale_factor` metres per unit) are nerfstudio's; `normal_file_path` and `label_file_path` are ours.
 
 use super::distortion::Distortion;

@@ -4,9 +4,9 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 use std::io::{BufRead, Seek};
 
-/// Which image the cameras of a capture are of, where EXIF tells a viewer to turn it.
+/// Which image the cameras of a capture are of, where EXIF shows a viewer to turn it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Shown {
+pub enum ImageOrientation {
     /// The one that a viewer shows, unless only the stored one has the camera's size.
     #[default]
     Turned,
@@ -55,17 +55,17 @@ pub fn size(file: impl BufRead + Seek) -> Result<[u32; 2], String> {
     Ok(if swaps(turn) { [height, width] } else { [width, height] })
 }
 
-/// Whether EXIF tells a viewer to turn an image; not so where it is no image.
+/// Whether EXIF shows a viewer to turn an image; not so where it is no image.
 pub fn is_turned(bytes: &[u8]) -> bool {
     let turn = decoder(bytes).ok().and_then(|mut decoder| decoder.orientation().ok());
     turn.is_some_and(|turn| turn != Orientation::NoTransforms)
 }
 
-/// An image of the size that its camera has, or as it is stored; and what was done with the orientation that EXIF tells, if it tells one.
+/// An image of the size that its camera has, or as it is stored; and what was done with the orientation that EXIF shows, if it shows one.
 ///
 /// # Errors
 /// As [`read`].
-pub fn decode(bytes: &[u8], size: [u32; 2], shown: Shown) -> Result<(DynamicImage, Option<String>), String> {
+pub fn decode(bytes: &[u8], size: [u32; 2], shown: ImageOrientation) -> Result<(DynamicImage, Option<String>), String> {
     let mut decoder = decoder(bytes)?;
     let turn = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let mut image = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
@@ -75,14 +75,14 @@ pub fn decode(bytes: &[u8], size: [u32; 2], shown: Shown) -> Result<(DynamicImag
     let stored = [image.width(), image.height()];
     let turned = if swaps(turn) { [stored[1], stored[0]] } else { stored };
     let number = turn.to_exif();
-    let is_turned = size == turned && (shown == Shown::Turned || size != stored);
+    let is_turned = size == turned && (shown == ImageOrientation::Turned || size != stored);
     if is_turned {
         image.apply_orientation(turn);
     }
     let what = match (is_turned, size == stored) {
         (true, _) => format!("EXIF orientation {number}: turned to {} x {}", size[0], size[1]),
         (false, true) => format!("EXIF orientation {number}: not turned, since the camera is of the image as stored"),
-        // Its size is an error, which the caller tells.
+        // Its size is an error, which the caller shows.
         (false, false) => return Ok((image, None)),
     };
     Ok((image, Some(what)))
@@ -119,7 +119,9 @@ mod tests {
         let at = file.windows(2).position(|pair| pair == [0xff, 0xc0]).unwrap() + 5;
         file[at..at + 4].fill(0xff);
         assert_eq!(size(std::io::Cursor::new(&file)).unwrap(), [65535; 2]);
-        assert!(read(&file).is_err() && decode(&file, [65535; 2], Shown::Turned).is_err() && !is_turned(&file));
+        assert!(
+            read(&file).is_err() && decode(&file, [65535; 2], ImageOrientation::Turned).is_err() && !is_turned(&file)
+        );
         assert!(read(&jpeg(6)).is_ok_and(|image| [image.width(), image.height()] == [16, 8]));
     }
 
@@ -128,20 +130,22 @@ mod tests {
         for (orientation, bright) in [(6u8, [4, 2]), (8, [4, 13]), (5, [4, 2])] {
             let file = jpeg(orientation);
             assert_eq!(size(std::io::Cursor::new(&file)).unwrap(), [8, 16]);
-            let (image, told) = decode(&file, [8, 16], Shown::Turned).unwrap();
-            assert!(told.unwrap().contains(&format!("EXIF orientation {orientation}: turned to 8 x 16")));
+            let (image, remarks) = decode(&file, [8, 16], ImageOrientation::Turned).unwrap();
+            assert!(remarks.unwrap().contains(&format!("EXIF orientation {orientation}: turned to 8 x 16")));
             let at = |x, y| image.to_luma8().get_pixel(x, y).0[0];
             assert!(at(bright[0], bright[1]) > 200 && at(bright[0], 15 - bright[1]) < 60, "{orientation}");
             // A camera of the stored image has it as stored.
-            let (image, told) = decode(&file, [16, 8], Shown::Turned).unwrap();
-            assert_eq!((image.width(), told.unwrap().states("turned")), (16, true));
+            let (image, remarks) = decode(&file, [16, 8], ImageOrientation::Turned).unwrap();
+            assert_eq!((image.width(), remarks.unwrap().states("turned")), (16, true));
         }
         let upside_down = jpeg(3);
         let left = |shown| decode(&upside_down, [16, 8], shown).unwrap().0.to_luma8().get_pixel(2, 4).0[0];
-        assert!(left(Shown::Turned) < 60 && left(Shown::Stored) > 200);
-        assert_eq!(decode(&jpeg(1), [16, 8], Shown::Turned).unwrap().1, None);
-        assert_eq!(decode(&jpeg(6), [9, 9], Shown::Turned).unwrap().1, None);
+        assert!(left(ImageOrientation::Turned) < 60 && left(ImageOrientation::Stored) > 200);
+        assert_eq!(decode(&jpeg(1), [16, 8], ImageOrientation::Turned).unwrap().1, None);
+        assert_eq!(decode(&jpeg(6), [9, 9], ImageOrientation::Turned).unwrap().1, None);
         assert!(is_turned(&jpeg(6)) && is_turned(&upside_down) && !is_turned(&jpeg(1)) && !is_turned(&[1, 2]));
-        assert!(decode(&[1, 2], [1, 1], Shown::Turned).is_err() && size(std::io::Cursor::new([1, 2])).is_err());
+        assert!(
+            decode(&[1, 2], [1, 1], ImageOrientation::Turned).is_err() && size(std::io::Cursor::new([1, 2])).is_err()
+        );
     }
 }

@@ -75,7 +75,7 @@ impl Layout {
 }
 
 /// The capture of a folder of a layout. Frames without a pose or without depth are left out, and named in `lost`; the lens that is taken
-/// where none is stated is told.
+/// where none is stated is reported.
 ///
 /// # Errors
 /// What all frames need is missing or off: poses, lens, images.
@@ -94,7 +94,7 @@ pub fn read(layout: Layout, folder: &mut Folder) -> Result<Capture, SplatError> 
     let mut sizes = |path: &str| (folder.sizes)(path).map_err(|found| off(path, "an image", found));
     let size = sizes(&first.colour)?;
     let depth_size = frames.iter().find_map(|frame| frame.depth.as_deref()).map(sizes).transpose()?;
-    let (colour, depth, told) = lenses(layout, folder, size, depth_size)?;
+    let (colour, depth, remarks) = lenses(layout, folder, size, depth_size)?;
     let unit = if layout == Layout::Tum { TUM_UNIT } else { MILLIMETRE };
     let camera = |frame: Frame| {
         let camera = Camera { camera_from_world: frame.camera_from_world, ..colour };
@@ -107,7 +107,7 @@ pub fn read(layout: Layout, folder: &mut Folder) -> Result<Capture, SplatError> 
         let (name, image) = (String::new(), Some(frame.colour));
         CaptureCamera { name, camera, distortion: Distortion::default(), image, attachments }
     };
-    Ok(Capture { lost, told, ..finish(frames.into_iter().map(camera).collect(), &place)? })
+    Ok(Capture { lost, remarks, ..finish(frames.into_iter().map(camera).collect(), &place)? })
 }
 
 /// A frame before its lens is known.
@@ -392,7 +392,7 @@ fn lenses(
     }
     let file = folder.names.iter().find(|name| name.contains("intrinsic") && name.ends_with(".json")).cloned();
     let is_own = folder.names.contains(OWN_LENS);
-    let (camera, told) = match (is_own, file) {
+    let (camera, remarks) = match (is_own, file) {
         (true, _) => {
             let k = numbers(&(folder.text)(OWN_LENS)?.split_whitespace().collect::<Vec<_>>(), OWN_LENS.into(), MATRIX)?;
             (lens(OWN_LENS, &k, 3, 0.0, size)?, vec![])
@@ -405,15 +405,16 @@ fn lenses(
                 return Err(off(format!("{} folder", layout.name()), expected, "no such file"));
             }
             let k = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0];
-            let told = format!("lens taken for granted: {fx} px about ({cx}, {cy}); {OWN_LENS} (3x3) states another");
-            (lens(layout.name(), &k, 3, 0.5, size)?, vec![told])
+            let remarks =
+                format!("lens taken for granted: {fx} px about ({cx}, {cy}); {OWN_LENS} (3x3) states another");
+            (lens(layout.name(), &k, 3, 0.5, size)?, vec![remarks])
         }
     };
     if let Some(found) = depth_size.filter(|depth| *depth != size) {
         let expected = format!("depth of {} x {} pixels as colour has", size[0], size[1]);
         return Err(off(format!("{} folder", layout.name()), expected, format!("{} x {}", found[0], found[1])));
     }
-    Ok((camera, None, told))
+    Ok((camera, None, remarks))
 }
 
 const MATRIX: &str = "a matrix fx 0 cx, 0 fy cy, 0 0 1";
@@ -509,7 +510,7 @@ mod tests {
             (depth.path.as_str(), depth.metres_per_unit, b.attachments.depth.as_ref()),
             ("depth/1.png", 2e-4, None)
         );
-        assert!(capture.told[0].states("granted 525"), "{:?}", capture.told);
+        assert!(capture.remarks[0].states("granted 525"), "{:?}", capture.remarks);
         assert!(capture.lost[0].states("1 0.02 groundtruth.txt rgb/3.png"));
         assert!(capture.lost[1].states("1 0.02 depth.txt rgb/2.png"));
         let paired = [&TUM[2..], &[("associations.txt", "1.1 depth/2.png 1.0 rgb/1.png\n")]].concat();
@@ -517,7 +518,7 @@ mod tests {
         assert_eq!(capture.cameras[0].image.as_deref(), Some("rgb/1.png"));
         let own = [&TUM[..], &[(OWN_LENS, "600 0 80 0 600 60 0 0 1")]].concat();
         let capture = open(&own, &[("", [160, 120])]).unwrap();
-        assert_eq!((capture.cameras[0].camera.cx, capture.told.len()), (80.0, 0));
+        assert_eq!((capture.cameras[0].camera.cx, capture.remarks.len()), (80.0, 0));
         let error = |files: &[(&str, &str)], size| open(files, &[("", size)]).unwrap_err().to_string();
         assert!(error(&TUM, [160, 120]).states("160 120 camera-intrinsics.txt"));
         assert!(error(&TUM[..2], [640, 480]).states("groundtruth.txt"));
@@ -549,7 +550,7 @@ mod tests {
         files.push(("camera_intrinsic.json", lens));
         let capture = open(&files, &[("", [320, 240])]).unwrap();
         let c = &capture.cameras[0].camera;
-        assert_eq!(([c.fx, c.fy, c.cx, c.cy], capture.told.len()), ([300.0, 301.0, 160.0, 120.0], 0));
+        assert_eq!(([c.fx, c.fy, c.cx, c.cy], capture.remarks.len()), ([300.0, 301.0, 160.0, 120.0], 0));
         let error = |files: &[(&str, &str)]| open(files, &[("", [640, 480])]).unwrap_err().to_string();
         assert!(error(&files).states("height 640 480"));
         assert!(error(&files[..4]).states("trajectory.log"));

@@ -202,8 +202,8 @@ pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
             features: &[],
         });
     }
-    let Remarks { told, lost } = parts.remarks;
-    Ok(SplatFile { told, ..sieve.finish(Format::CompressedPly, lost) })
+    let Remarks { remarks, lost } = parts.remarks;
+    Ok(SplatFile { remarks, ..sieve.finish(Format::CompressedPly, lost) })
 }
 
 /// A file of a cloud. Gaussians are put in the order of [`curve_order`], so that those of a chunk are neighbours. Features are

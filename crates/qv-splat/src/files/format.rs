@@ -87,8 +87,8 @@ pub struct SplatFile {
     /// What else the file holds and a cloud does not, a line each.
     pub lost: Vec<String>,
     /// What was done with the file's numbers, or passed over, a line each; nothing is lost by it.
-    pub told: Vec<String>,
-    /// Colour that the scene was made to be drawn over, 0 to 1, where the file tells one.
+    pub remarks: Vec<String>,
+    /// Colour that the scene was made to be drawn over, 0 to 1, where the file shows one.
     pub background: Option<[f32; 3]>,
     /// Whether the scene was made to be drawn with opacities that make up for the low-pass ([`qv_raster::Settings::antialias`]).
     pub antialias: bool,

@@ -28,7 +28,7 @@ const DEEPEST: usize = 64;
 const UNIFORM: f64 = 1e-4;
 
 /// A primitive and where it is placed.
-struct Placed<'a> {
+struct PlacedPrimitive<'a> {
     accessors: Vec<Accessor<'a>>,
     features: Vec<Accessor<'a>>,
     world_from_node: DMat4,
@@ -83,7 +83,7 @@ struct Walk<'v, 'a> {
     document: &'v Value,
     buffers: &'a [Cow<'a, [u8]>],
     visited: usize,
-    placed: &'v mut Vec<Placed<'a>>,
+    placed: &'v mut Vec<PlacedPrimitive<'a>>,
     /// Primitives without the extension.
     other: usize,
 }
@@ -131,7 +131,7 @@ impl<'a> Walk<'_, 'a> {
         Ok(())
     }
 
-    fn primitive(&self, primitive: &Value, extension: &Value, place: DMat4) -> Result<Placed<'a>, SplatError> {
+    fn primitive(&self, primitive: &Value, extension: &Value, place: DMat4) -> Result<PlacedPrimitive<'a>, SplatError> {
         for (key, known) in [
             ("kernel", "ellipse"),
             ("colorSpace", "srgb_rec709_display"),
@@ -185,7 +185,7 @@ impl<'a> Walk<'_, 'a> {
         if let Some(other) = accessors.iter().chain(&features).find(|accessor| accessor.count != count) {
             return Err(off("glTF attributes", format!("{count} items in each"), other.count));
         }
-        Ok(Placed { accessors, features, world_from_node: place, degree })
+        Ok(PlacedPrimitive { accessors, features, world_from_node: place, degree })
     }
 }
 
@@ -224,7 +224,7 @@ fn decomposed(matrix: DMat4) -> Result<(DMat3, f64), SplatError> {
     Err(off("glTF, transform of a node", expected, format!("axes of lengths {lengths:?}, scale {scale}")))
 }
 
-fn add(one: &Placed, degree: u8, feature_count: usize, sieve: &mut Sieve) -> Result<(), SplatError> {
+fn add(one: &PlacedPrimitive, degree: u8, feature_count: usize, sieve: &mut Sieve) -> Result<(), SplatError> {
     let (turn, scale) = decomposed(one.world_from_node)?;
     let straight = turn.abs_diff_eq(DMat3::IDENTITY, 1e-9);
     let harmonics = (!straight).then(|| rotation(turn));
@@ -281,7 +281,7 @@ fn add(one: &Placed, degree: u8, feature_count: usize, sieve: &mut Sieve) -> Res
 /// file would be larger than 4 GiB.
 pub fn write(cloud: &GaussianCloud) -> Result<Vec<u8>, SplatError> {
     check(cloud)?;
-    let mut file = Written::default();
+    let mut file = GltfWriter::default();
     let of = |name: &str| format!("{EXTENSION}:{name}");
     file.add("POSITION".into(), cloud.means.as_flattened().to_vec(), 3);
     let low = |k: usize| cloud.means.iter().fold(f32::INFINITY, |least, mean| least.min(mean[k]));
@@ -318,14 +318,14 @@ pub fn write(cloud: &GaussianCloud) -> Result<Vec<u8>, SplatError> {
 
 /// A file as it grows.
 #[derive(Default)]
-struct Written {
+struct GltfWriter {
     binary: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
     attributes: serde_json::Map<String, Value>,
 }
 
-impl Written {
+impl GltfWriter {
     fn add(&mut self, name: String, numbers: Vec<f32>, width: usize) {
         let (start, length) = (self.binary.len(), 4 * numbers.len());
         self.binary.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));

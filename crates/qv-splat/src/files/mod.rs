@@ -27,7 +27,7 @@ use crate::SplatError;
 use crate::error::off;
 use qv_core::GaussianCloud;
 
-/// Reads a file of any format that its content tells, and that needs no other file.
+/// Reads a file of any format that its content shows, and that needs no other file.
 ///
 /// # Errors
 /// The content is of no format, is cut off, or contradicts itself. See each format's `read`.
@@ -35,7 +35,7 @@ pub fn read_any(bytes: &[u8]) -> Result<SplatFile, SplatError> {
     read_named(bytes, "", &mut |_| Err("not looked for".into()))
 }
 
-/// Reads a file of any format, which its content tells, or else its name; `beside` gives the files that it names.
+/// Reads a file of any format, which its content shows, or else its name; `beside` gives the files that it names.
 ///
 /// # Errors
 /// As [`read_any`].

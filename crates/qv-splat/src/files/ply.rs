@@ -122,10 +122,15 @@ pub fn read_stream(source: &mut dyn Read, length: u64) -> Result<SplatFile, Spla
         remarks.lost.push("spherical harmonics of degree 4".to_string());
     }
     if layout.filter.is_some() {
-        remarks.told.push("filter_3D of Mip-Splatting is applied to scales and opacities".to_string());
+        remarks.remarks.push("filter_3D of Mip-Splatting is applied to scales and opacities".to_string());
     }
     let file = sieve.finish(Format::Ply, remarks.lost);
-    Ok(SplatFile { background: background(&header), antialias: layout.filter.is_some(), told: remarks.told, ..file })
+    Ok(SplatFile {
+        background: background(&header),
+        antialias: layout.filter.is_some(),
+        remarks: remarks.remarks,
+        ..file
+    })
 }
 
 /// What rows are unpacked into.
@@ -280,7 +285,7 @@ mod tests {
         let plain = read(&file("", &[])).unwrap();
         let none = read(&file("filter_3D", &[0.0])).unwrap();
         assert_eq!(none.cloud.log_scales[0][0], plain.cloud.log_scales[0][0]);
-        assert_eq!((plain.told.len(), none.told.len(), none.lost.len()), (0, 1, 0));
+        assert_eq!((plain.remarks.len(), none.remarks.len(), none.lost.len()), (0, 1, 0));
         let filtered = read(&file("filter_3D", &[0.5])).unwrap().cloud;
         let scales = [(-1.0f64).exp(), (-2.0f64).exp(), 0.0];
         for k in 0..3 {

@@ -140,7 +140,7 @@ pub struct Header {
 /// What is said of what follows the rows that are read.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Remarks {
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
     pub lost: Vec<String>,
 }
 
@@ -205,7 +205,7 @@ impl Header {
         if !self.unread.is_empty() {
             out.lost.push(format!("PLY elements {}: lists", self.unread.join(", ")));
         } else if self.rest > 0 && is_blank {
-            out.told.push(format!("{} blank bytes after the data", self.rest));
+            out.remarks.push(format!("{} blank bytes after the data", self.rest));
         } else if self.rest > 0 {
             out.lost.push(format!("{} bytes after the data, of which the header says nothing", self.rest));
         }
@@ -352,8 +352,8 @@ mod tests {
             assert_eq!(header.elements[0].rows(&file).collect::<Vec<_>>(), [&body[..1]]);
             let head = head_of(&mut &file[..]).unwrap();
             assert_eq!(Header::parse_head(&head, file.len() as u64).unwrap(), header);
-            let Remarks { told, lost } = header.remarks_of(&file);
-            [told, lost].map(|lines| lines.join("; "))
+            let Remarks { remarks, lost } = header.remarks_of(&file);
+            [remarks, lost].map(|lines| lines.join("; "))
         };
         let nothing = String::new;
         assert_eq!(remarks(&list.replace("COUNT", "0"), &[7]), [nothing(), nothing()]);

@@ -23,7 +23,7 @@ pub fn opacity(logit: f32) -> f32 {
     (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32
 }
 
-/// Logit of an opacity; beyond what single precision tells from 0 and 1 it is that of [`OPAQUE_LOGIT`].
+/// Logit of an opacity; beyond what single precision shows from 0 and 1 it is that of [`OPAQUE_LOGIT`].
 pub fn logit(opacity: f32) -> f32 {
     let p = f64::from(opacity);
     ((p / (1.0 - p)).ln() as f32).clamp(-OPAQUE_LOGIT, OPAQUE_LOGIT)

@@ -71,7 +71,7 @@ impl Sieve {
             format,
             left_out: self.left_out,
             lost,
-            told: vec![],
+            remarks: vec![],
             background: None,
             antialias: false,
         }

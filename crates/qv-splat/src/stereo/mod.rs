@@ -27,7 +27,7 @@ use views::{View, median};
 
 /// What was measured.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Measured {
+pub struct StereoDepth {
     /// Photographs that had no depth, and were looked at.
     pub photographs: usize,
     /// Share of their pixels that have a depth now.
@@ -41,8 +41,8 @@ pub struct Measured {
 /// Fewest photographs to learn from: a depth of one must be confirmed by two others.
 const FEWEST: usize = 3;
 
-/// Measures depth of photographs to learn from that have none, and leaves that of others alone. `points` of the scene tell how far it
-/// reaches and which photographs show the same; without them the extent of the cameras does. `done` is told how many of how many
+/// Measures depth of photographs to learn from that have none, and leaves that of others alone. `points` of the scene show how far it
+/// reaches and which photographs show the same; without them the extent of the cameras does. `done` is reported how many of how many
 /// photographs are compared.
 ///
 /// # Errors
@@ -52,7 +52,7 @@ pub fn measure(
     points: Option<&Points>,
     options: &StereoOptions,
     done: &(dyn Fn(usize, usize) + Sync),
-) -> Result<Measured, SplatError> {
+) -> Result<StereoDepth, SplatError> {
     let place = "stereo";
     let count = dataset.training.len();
     let expected = || format!("at least {FEWEST} photographs to learn from that show the same from different places");
@@ -79,7 +79,7 @@ pub fn measure(
     let maps: Vec<Vec<f32>> = views.par_iter().map(one).collect();
     let agreed: Vec<Vec<f32>> =
         (0..count).into_par_iter().map(|index| agree::agreed(index, &views, &maps, options)).collect();
-    let mut told = Measured::default();
+    let mut remarks = StereoDepth::default();
     let (mut measured, mut pixels) = (0, 0);
     let (mut planes, mut steps) = (vec![], vec![]);
     for ((photograph, view), map) in dataset.training.iter_mut().zip(&views).zip(agreed) {
@@ -87,14 +87,14 @@ pub fn measure(
             continue;
         }
         photograph.depth = view.at_full_size(&map, photograph);
-        told.photographs += 1;
+        remarks.photographs += 1;
         measured += photograph.depth.iter().filter(|z| **z > 0.0).count();
         pixels += photograph.depth.len();
         planes.push(view.planes);
         steps.push(f64::from(view.step / view.inverse_depth(0.5 * (view.planes - 1) as f32)));
     }
-    told.share = measured as f64 / pixels.max(1) as f64;
-    told.planes = median(&mut planes, |a, b| a.cmp(b)).unwrap_or(0);
-    told.step = median(&mut steps, f64::total_cmp).unwrap_or(0.0);
-    Ok(told)
+    remarks.share = measured as f64 / pixels.max(1) as f64;
+    remarks.planes = median(&mut planes, |a, b| a.cmp(b)).unwrap_or(0);
+    remarks.step = median(&mut steps, f64::total_cmp).unwrap_or(0.0);
+    Ok(remarks)
 }

@@ -101,8 +101,8 @@ const SILENT: fn(usize, usize) = |_, _| ();
 #[test]
 fn depth_of_planes_is_measured_and_that_of_what_is_plain_is_not() {
     let (mut dataset, truth) = scene(5);
-    let told = measure(&mut dataset, Some(&points()), &StereoOptions::default(), &SILENT).unwrap();
-    assert_eq!(told.photographs, 5);
+    let remarks = measure(&mut dataset, Some(&points()), &StereoOptions::default(), &SILENT).unwrap();
+    assert_eq!(remarks.photographs, 5);
     let (one, truth) = (&dataset.training[2], &truth[2]);
     let (mut off, mut known, mut plain) = (vec![], 0, [0, 0]);
     let width = WIDTH as usize;
@@ -146,21 +146,22 @@ fn any_number_of_threads_gives_the_same_bits() {
     let on = |threads: usize| {
         let (mut dataset, _) = scene(4);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let told = pool.install(|| measure(&mut dataset, Some(&points()), &StereoOptions::default(), &SILENT).unwrap());
-        (told, dataset.training.into_iter().map(|one| one.depth).collect::<Vec<_>>())
+        let remarks =
+            pool.install(|| measure(&mut dataset, Some(&points()), &StereoOptions::default(), &SILENT).unwrap());
+        (remarks, dataset.training.into_iter().map(|one| one.depth).collect::<Vec<_>>())
     };
-    let (told, depths) = on(1);
-    assert!(told.share > 0.3, "{told:?}");
-    assert_eq!((told, depths), on(3));
+    let (remarks, depths) = on(1);
+    assert!(remarks.share > 0.3, "{remarks:?}");
+    assert_eq!((remarks, depths), on(3));
 }
 
 #[test]
 fn without_points_the_extent_of_the_cameras_gives_the_range() {
     let (mut dataset, truth) = scene(5);
-    let told = measure(&mut dataset, None, &StereoOptions::default(), &SILENT).unwrap();
+    let remarks = measure(&mut dataset, None, &StereoOptions::default(), &SILENT).unwrap();
     let both = dataset.training[2].depth.iter().zip(&truth[2]).filter(|(z, _)| **z > 0.0);
     let near = both.clone().filter(|(z, known)| (*z - *known).abs() < 0.03 * *known).count();
-    assert!(told.share > 0.3 && 10 * near > 9 * both.count(), "{told:?}, {near}");
+    assert!(remarks.share > 0.3 && 10 * near > 9 * both.count(), "{remarks:?}, {near}");
 }
 
 #[test]
@@ -172,8 +173,8 @@ fn measured_depth_stays_and_progress_is_told() {
         assert!(at >= 1 && at <= of && of == 4);
         count.fetch_add(1, Ordering::Relaxed);
     };
-    let told = measure(&mut dataset, Some(&points()), &StereoOptions::default(), &done).unwrap();
-    assert_eq!((told.photographs, count.into_inner()), (3, 4));
+    let remarks = measure(&mut dataset, Some(&points()), &StereoOptions::default(), &done).unwrap();
+    assert_eq!((remarks.photographs, count.into_inner()), (3, 4));
     assert_eq!(dataset.training[1].depth, truth[1]);
     assert!(dataset.training[0].depth.iter().any(|z| *z > 0.0));
 }
@@ -199,7 +200,7 @@ fn too_few_photographs_are_named() {
     };
     let error = wrong(scene(2).0);
     assert!(error.states("photographs 3") && error.ends_with("found 2"), "{error}");
-    // From one place nothing tells depth.
+    // From one place nothing shows depth.
     let (mut dataset, _) = scene(4);
     for one in &mut dataset.training {
         one.camera.camera_from_world.position = DVec3::ZERO;

@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3, Mat3, Vec3};
 use qv_core::Camera;
 use rayon::prelude::*;
 
-/// Angle between two rays at a point that tells depth best, and how fast it tells less for smaller and for larger ones \[rad\]
+/// Angle between two rays at a point that shows depth best, and how fast it shows less for smaller and for larger ones \[rad\]
 /// (Yao et al., *MVSNet*, 2018: 5, 1 and 10 degrees).
 const BEST_ANGLE: f64 = 5.0 / 180.0 * std::f64::consts::PI;
 const NARROW: f64 = 1.0 / 180.0 * std::f64::consts::PI;
@@ -15,7 +15,7 @@ const WIDE: f64 = 10.0 / 180.0 * std::f64::consts::PI;
 /// Share of the points' depths left out at each end of the range, and how far it is stretched (COLMAP's patch match).
 const OUTLIERS: f64 = 0.01;
 const STRETCH: [f64; 2] = [0.75, 1.25];
-/// Fewest points in an image that tell a range.
+/// Fewest points in an image that show a range.
 const FEWEST: usize = 50;
 /// Range without points, in units of the extent of the cameras: from where random points begin to where parallax ends.
 const BLIND: [f64; 2] = [0.3, 30.0];
@@ -147,7 +147,7 @@ fn grid(camera: &Camera, range: [f64; 2]) -> Vec<DVec3> {
     all.map(place).collect()
 }
 
-/// The photographs that show most of the points at angles that tell depth.
+/// The photographs that show most of the points at angles that show depth.
 fn neighbours(index: usize, cameras: &[Camera], seen: &[DVec3], options: &StereoOptions) -> Vec<usize> {
     let place = |camera: &Camera| camera.camera_from_world.inverse().position;
     let own = place(&cameras[index]);

@@ -41,7 +41,7 @@ pub(crate) fn regularise(model: &Model, options: &TrainOptions, extent: f32, by:
 }
 
 /// What a harmonic but the constant one is multiplied by to be pulled to 0 in a step. All steps in which each of `photographs` is seen once add
-/// up to the weight that was asked for, so that few photographs, which tell little of how colours change with the direction, count less beside it.
+/// up to the weight that was asked for, so that few photographs, which show little of how colours change with the direction, count less beside it.
 pub fn harmonics_weight(splats: usize, photographs: usize, options: &TrainOptions) -> f32 {
     options.weights.harmonics / (splats.max(1) * photographs.max(1)) as f32
 }

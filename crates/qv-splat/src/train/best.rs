@@ -7,7 +7,7 @@ use super::exposure::{Exposure, exposed_image};
 use super::model::Model;
 use super::motion::Motion;
 use super::score::score;
-use super::shared::Shared;
+use super::shared::SharedAppearance;
 use crate::SplatError;
 use qv_core::{GaussianCloud, Pose};
 
@@ -19,12 +19,12 @@ const BETTER: f64 = 0.2;
 /// The scene that drew photographs best of all that were shown to it.
 #[derive(Debug, Clone, Default)]
 pub struct Best {
-    kept: Option<Kept>,
+    kept: Option<Snapshot>,
 }
 
 /// A scene with the cameras and exposures that belong to it, when it was, and how well it drew.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Kept {
+pub struct Snapshot {
     /// Steps that had been taken.
     pub iteration: u32,
     /// Mean PSNR over the photographs that it was judged by \[dB\].
@@ -32,12 +32,12 @@ pub struct Kept {
     /// The Gaussians.
     pub cloud: GaussianCloud,
     poses: Vec<Pose>,
-    shared: Vec<Shared>,
+    shared: Vec<SharedAppearance>,
     exposures: Vec<Exposure>,
     motions: Vec<Motion>,
 }
 
-impl Kept {
+impl Snapshot {
     fn of(model: &Model, psnr: f64) -> Self {
         Self {
             iteration: model.iteration,
@@ -66,13 +66,13 @@ impl Best {
     pub fn see(&mut self, model: &Model, dataset: &Dataset) -> Result<f64, SplatError> {
         let psnr = judged(model, dataset)?;
         if self.kept.as_ref().is_none_or(|kept| psnr > kept.psnr) {
-            self.kept = Some(Kept::of(model, psnr));
+            self.kept = Some(Snapshot::of(model, psnr));
         }
         Ok(psnr)
     }
 
     /// The best scene that was shown, for training that broke down.
-    pub fn kept(self) -> Option<Kept> {
+    pub fn kept(self) -> Option<Snapshot> {
         self.kept
     }
 
@@ -80,7 +80,7 @@ impl Best {
     ///
     /// # Errors
     /// Drawing fails.
-    pub fn instead_of(self, model: &Model, dataset: &Dataset) -> Result<Option<Kept>, SplatError> {
+    pub fn instead_of(self, model: &Model, dataset: &Dataset) -> Result<Option<Snapshot>, SplatError> {
         let Some(kept) = self.kept else { return Ok(None) };
         let now = judged(model, dataset)?;
         // Not a number is worse than anything.

@@ -8,7 +8,7 @@ use super::dataset::{Dataset, Photograph};
 use super::model::Model;
 use super::moments::{bias, moved};
 use super::options::TrainOptions;
-pub use super::shared::{Shared, same_lens};
+pub use super::shared::{SharedAppearance, same_lens};
 use super::twist::{turned, twist};
 use super::vignetting::Vignetting;
 use glam::{DQuat, DVec3};
@@ -17,7 +17,7 @@ use qv_core::{Camera, Pose};
 /// A held-out photograph with the lens, its vignetting and the motion that its camera was found to have.
 pub fn as_learned(model: &Model, dataset: &Dataset, held_out: &Photograph) -> Photograph {
     let photograph = dataset.training.iter().position(|one| same_lens(&one.camera, &held_out.camera));
-    let shared = photograph.map_or(&Shared::NONE, |index| &model.shared[model.groups[index]]);
+    let shared = photograph.map_or(&SharedAppearance::NONE, |index| &model.shared[model.groups[index]]);
     let camera_from_world = shared.motion * held_out.camera.camera_from_world;
     let camera = Camera { camera_from_world, ..shared.camera(&held_out.camera) };
     Photograph { camera, vignetting: shared.vignetting, ..held_out.clone() }
@@ -121,8 +121,8 @@ mod tests {
         let scene = tiny::scene(60, 4, 64);
         let wanted = &scene.dataset.training[1];
         let (colour, valid) = (wanted.colour(), wanted.valid());
-        let off = Shared { lens: [0.02, 0.006, -0.004], ..Shared::NONE };
-        let loss = |shared: &Shared| {
+        let off = SharedAppearance { lens: [0.02, 0.006, -0.004], ..SharedAppearance::NONE };
+        let loss = |shared: &SharedAppearance| {
             let camera = shared.camera(&wanted.camera);
             let image = drawn(&scene.cloud, &camera, &scene.dataset).unwrap();
             let (loss, by) = photometric(&image.colour, &colour, &valid, 64, 0.2);

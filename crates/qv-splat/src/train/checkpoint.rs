@@ -7,7 +7,7 @@
 //! the text, UTF-8: what the caller says of the training, such as its options.
 
 use super::model::Model;
-use super::shared::Shared;
+use super::shared::SharedAppearance;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{GaussianCloud, Pose};
@@ -146,7 +146,7 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     };
     let all: Vec<Pose> = numbers.as_chunks().0.iter().map(pose).collect();
     let (poses, mountings) = all.split_at(views);
-    let shared = learned.iter().zip(seen).zip(mountings).map(|((one, seen), motion)| Shared {
+    let shared = learned.iter().zip(seen).zip(mountings).map(|((one, seen), motion)| SharedAppearance {
         first: std::array::from_fn(|k| one[k]),
         second: std::array::from_fn(|k| one[12 + k]),
         lens: [one[24], one[25], one[26]],
@@ -190,13 +190,13 @@ mod tests {
         model.first.sh[3] = [1.0, 2.0, 3.0];
         model.motions[1] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
         model.motions_second[2][5] = 0.7;
-        model.shared[0] = Shared {
+        model.shared[0] = SharedAppearance {
             lens: [0.1, 0.2, 0.3],
             vignetting: [0.7, 0.8, 0.9],
             second: [0.4; 12],
             seen: 5,
             motion: model.poses[1],
-            ..Shared::NONE
+            ..SharedAppearance::NONE
         };
         let bytes = write(&model, "seed 2");
         assert_eq!(read(&bytes), Ok((model, "seed 2".into())));

@@ -5,7 +5,7 @@ use super::motion::Shutter;
 use super::undistort::{Pixels, smaller, undistorted};
 use super::vignetting::{self, Vignetting};
 use crate::SplatError;
-use crate::captures::pictures::{self, Shown};
+use crate::captures::pictures::{self, ImageOrientation};
 use crate::captures::{Capture, CaptureCamera, DepthFile};
 use crate::error::off;
 use glam::DVec3;
@@ -67,7 +67,7 @@ pub struct Dataset {
     pub shutter: Option<Shutter>,
     /// What of the capture could not be used, a line each.
     pub lost: Vec<String>,
-    /// What was done with images that EXIF tells to turn, and how many.
+    /// What was done with images that EXIF shows to turn, and how many.
     pub turned: BTreeMap<String, usize>,
 }
 
@@ -189,7 +189,7 @@ impl Dataset {
         Settings { outputs, background: self.background, antialias: self.antialias }
     }
 
-    /// Whether all photographs to learn from were taken from one place, so that no two of them tell a depth.
+    /// Whether all photographs to learn from were taken from one place, so that no two of them show a depth.
     pub fn stands_still(&self) -> bool {
         let place = |one: &Photograph| one.camera.camera_from_world.inverse().position;
         let first = self.training.first().map(place);
@@ -247,9 +247,14 @@ fn overlap(a: &Camera, b: &Camera) -> bool {
 }
 
 /// A photograph, what beside it cannot be read, and how it was turned.
-type Read = (Photograph, Vec<SplatError>, Option<String>);
+type PhotographRead = (Photograph, Vec<SplatError>, Option<String>);
 
-fn photograph(one: &CaptureCamera, files: Files, downscale: u32, shown: Shown) -> Result<Read, SplatError> {
+fn photograph(
+    one: &CaptureCamera,
+    files: Files,
+    downscale: u32,
+    shown: ImageOrientation,
+) -> Result<PhotographRead, SplatError> {
     let place = format!("camera {}", one.name);
     let path = one.image.as_deref().ok_or_else(|| off(&*place, "an image", "none"))?;
     let camera = &one.camera;
@@ -317,14 +322,14 @@ fn normal(bytes: &[u8]) -> [f32; 3] {
 
 /// An image beside a photograph.
 fn decode(path: &str, files: Files, camera: &Camera) -> Result<image::DynamicImage, SplatError> {
-    Ok(decode_turned(path, files, camera, Shown::Turned)?.0)
+    Ok(decode_turned(path, files, camera, ImageOrientation::Turned)?.0)
 }
 
 fn decode_turned(
     path: &str,
     files: Files,
     camera: &Camera,
-    shown: Shown,
+    shown: ImageOrientation,
 ) -> Result<(image::DynamicImage, Option<String>), SplatError> {
     let bytes = files(path).map_err(|found| off(format!("image {path}"), "a file", found))?;
     let size = [camera.width, camera.height];

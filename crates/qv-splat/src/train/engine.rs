@@ -45,7 +45,7 @@ pub trait Engine {
     }
 }
 
-/// What is told while training runs.
+/// What is reported while training runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
     /// Steps that were taken.
@@ -56,7 +56,7 @@ pub struct Progress {
     pub loss: Option<f32>,
 }
 
-/// Takes steps until there are `iterations`, or `watch`, which is asked after each step and told the loss every `report_every` steps,
+/// Takes steps until there are `iterations`, or `watch`, which is asked after each step and reported the loss every `report_every` steps,
 /// gives false. Photographs come in a random order, all of them before the first comes again. Returns whether all steps were taken.
 ///
 /// # Errors

@@ -2,7 +2,7 @@
 //! so that nothing is learned which none of them shows, and which is seen once a camera comes nearer.
 //!
 //! A Gaussian at depth z of a camera of focal length f is sampled every z / f metres. The finest of these over the cameras that see it, times
-//! the root of 0.2, is the deviation of a Gaussian that it is convolved with; its opacity shrinks as its volume grows. The filter is told
+//! the root of 0.2, is the deviation of a Gaussian that it is convolved with; its opacity shrinks as its volume grows. The filter is reported
 //! anew in each step from where Gaussians are, and no derivative goes through it.
 
 use super::moments::logistic;

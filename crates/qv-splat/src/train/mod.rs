@@ -43,7 +43,7 @@ mod twist;
 mod undistort;
 pub mod vignetting;
 
-pub use best::{Best, Kept};
+pub use best::{Best, Snapshot};
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
 pub use drawn::drawn;

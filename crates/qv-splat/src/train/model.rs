@@ -4,7 +4,7 @@ use super::dataset::Dataset;
 use super::exposure::{Exposure, NEUTRAL};
 use super::motion::Motion;
 use super::shared;
-use super::shared::Shared;
+use super::shared::SharedAppearance;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, GaussianCloud, Pose};
@@ -43,7 +43,7 @@ pub struct Model {
     /// Which camera took each photograph.
     pub groups: Vec<usize>,
     /// What photographs of one camera share.
-    pub shared: Vec<Shared>,
+    pub shared: Vec<SharedAppearance>,
     /// Of each Gaussian since Gaussians last came and went: sum of the lengths of derivatives by its projected mean, in units of half
     /// the image, and in how many photographs it was.
     pub pulls: Vec<[f32; 2]>,
@@ -66,7 +66,7 @@ impl Model {
             motions_first: vec![[0.0; 6]; views],
             motions_second: vec![[0.0; 6]; views],
             poses: dataset.training.iter().map(|one| one.camera.camera_from_world).collect(),
-            shared: vec![Shared::NONE; groups.iter().max().map_or(0, |last| last + 1)],
+            shared: vec![SharedAppearance::NONE; groups.iter().max().map_or(0, |last| last + 1)],
             groups,
             pulls: vec![[0.0; 2]; cloud.len()],
             cloud,

@@ -1,7 +1,7 @@
 //! How far drawn images are from photographs.
 //!
 //! PSNR and SSIM of the image as it is drawn, cut off to 0 to 1, are what others publish. When exposures differ from photograph to
-//! photograph they say more about the exposure than about the scene. Besides them, therefore, the two halves of an image are told apart: an
+//! photograph they say more about the exposure than about the scene. Besides them, therefore, the two halves of an image are distinguished: an
 //! affine colour transform, and one factor for each colour, is fitted to the left half by least squares, and the right half is scored with
 //! them and without. An image that lacks detail is made dull by the affine fit, which the factors are not.
 

@@ -6,7 +6,7 @@ use qv_core::{Camera, Pose};
 
 /// What photographs of one camera share, with the optimiser's memory.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shared {
+pub struct SharedAppearance {
     /// Natural logarithm of the factor of both focal lengths; shift of the principal point in units of the focal lengths.
     pub lens: [f32; 3],
     /// How the lens darkens photographs towards their corners.
@@ -21,7 +21,7 @@ pub struct Shared {
     pub seen: u32,
 }
 
-impl Shared {
+impl SharedAppearance {
     /// Nothing learned yet.
     pub const NONE: Self = Self {
         lens: [0.0; 3],

@@ -4,7 +4,7 @@
 //! depth from photographs a decimetre or three apart needs a few hundredths of a degree. Whether they are good enough is seen by the matches
 //! between photographs that COLMAP verifies without any poses: good poses explain nearly all of them.
 
-use super::{Given, GivenCamera, Placed, find, is_there};
+use super::{CameraHints, ColmapResult, GivenCamera, find, is_there};
 use crate::Failure;
 use crate::capture::{OpenCapture, open_capture};
 use crate::outcome::about;
@@ -32,11 +32,11 @@ const AS_GOOD: f64 = 0.9;
 #[derive(Serialize, Deserialize)]
 struct Stamp {
     contents: u64,
-    placed: Placed,
+    placed: ColmapResult,
 }
 
 /// A capture with the poses that were chosen for it.
-pub struct Chosen {
+pub struct PoseChoice {
     pub opened: OpenCapture,
     /// What was lost, a line each.
     pub lost: Vec<String>,
@@ -48,7 +48,7 @@ pub struct Chosen {
     pub explain: [Option<f64>; 2],
 }
 
-impl Chosen {
+impl PoseChoice {
     /// The capture as it is.
     pub fn given(opened: OpenCapture, why: impl Into<String>) -> Self {
         Self { opened, lost: vec![], found: Value::Null, why: why.into(), explain: [None; 2] }
@@ -63,7 +63,7 @@ impl Chosen {
 ///
 /// # Errors
 /// A photograph is missing, COLMAP cannot be had or fails, fewer than 8 photographs find a place, or their given places are on one line.
-pub fn poses_again(path: &Path, opened: OpenCapture, folder: &Path) -> Result<Chosen, Failure> {
+pub fn poses_again(path: &Path, opened: OpenCapture, folder: &Path) -> Result<PoseChoice, Failure> {
     let placed = placed_again(path, &opened, folder, false)?;
     with_found(path, opened, folder, &placed, "they were asked for".into())
 }
@@ -71,25 +71,25 @@ pub fn poses_again(path: &Path, opened: OpenCapture, folder: &Path) -> Result<Ch
 /// The capture with its own poses, or with COLMAP's where those explain the verified matches better and COLMAP is there already.
 ///
 /// # Errors
-/// A photograph is missing. Where COLMAP fails the given poses stay, and why is told.
-pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<Chosen, Failure> {
+/// A photograph is missing. Where COLMAP fails the given poses stay, and why is reported.
+pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<PoseChoice, Failure> {
     let photographs = opened.capture.cameras.iter().filter(|one| one.image.is_some()).count();
     if opened.is_by_colmap || photographs < FEWEST {
         let why = if opened.is_by_colmap { "COLMAP found them" } else { "there are too few photographs to check them" };
-        return Ok(Chosen::given(opened, why));
+        return Ok(PoseChoice::given(opened, why));
     }
     if !is_there() {
-        return Ok(Chosen::given(opened, UNCHECKED));
+        return Ok(PoseChoice::given(opened, UNCHECKED));
     }
     let is_turned = |one: &CaptureCamera| {
         one.image.as_ref().is_some_and(|image| opened.read(image).is_ok_and(|bytes| pictures::is_turned(&bytes)))
     };
     if opened.capture.cameras.iter().any(is_turned) {
-        return Ok(Chosen::given(opened, "EXIF tells to turn photographs, which COLMAP takes as they are stored"));
+        return Ok(PoseChoice::given(opened, "EXIF tells to turn photographs, which COLMAP takes as they are stored"));
     }
     let placed = match placed_again(path, &opened, folder, true) {
         Ok(placed) => placed,
-        Err(error) => return Ok(Chosen::given(opened, format!("COLMAP could not check them: {error}"))),
+        Err(error) => return Ok(PoseChoice::given(opened, format!("COLMAP could not check them: {error}"))),
     };
     let explain = [placed.given_explain, placed.found_explain];
     match choice(&placed) {
@@ -97,7 +97,7 @@ pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<C
             // What was found is remembered; copies of the photographs are of no more use.
             output::clear(&folder.join("images")).map_err(|e| about(folder, e))?;
             output::remove(&folder.join("database.db"));
-            Ok(Chosen { explain, ..Chosen::given(opened, why) })
+            Ok(PoseChoice { explain, ..PoseChoice::given(opened, why) })
         }
         Choice::Found(why) => with_found(path, opened, folder, &placed, why),
     }
@@ -114,7 +114,7 @@ enum Choice {
     Found(String),
 }
 
-fn choice(placed: &Placed) -> Choice {
+fn choice(placed: &ColmapResult) -> Choice {
     let Some(given) = placed.given_explain else {
         return Choice::Given("COLMAP said nothing of them".into());
     };
@@ -130,7 +130,7 @@ fn choice(placed: &Placed) -> Choice {
 }
 
 /// What COLMAP makes of the photographs, or made of the same ones before. With `check` no model is made where the given poses are good.
-fn placed_again(path: &Path, opened: &OpenCapture, folder: &Path, check: bool) -> Result<Placed, Failure> {
+fn placed_again(path: &Path, opened: &OpenCapture, folder: &Path, check: bool) -> Result<ColmapResult, Failure> {
     output::claim(folder, false)?;
     let (mut given, contents) = copied(path, opened, &folder.join("images"))?;
     given.check = check;
@@ -156,9 +156,9 @@ fn with_found(
     path: &Path,
     mut opened: OpenCapture,
     folder: &Path,
-    placed: &Placed,
+    placed: &ColmapResult,
     why: String,
-) -> Result<Chosen, Failure> {
+) -> Result<PoseChoice, Failure> {
     if placed.placed < FEWEST.min(placed.frames) {
         let expected = format!("expected places of at least {FEWEST} photographs by COLMAP");
         return Err(about(path, format!("{expected}, found {} of {}", placed.placed, placed.frames)));
@@ -170,13 +170,13 @@ fn with_found(
         lost.push(format!("{}: {without} of {} photographs find no place", path.display(), placed.frames));
     }
     lost.extend(placed.doubt(path));
-    Ok(Chosen { opened, lost, found, why, explain: [placed.given_explain, placed.found_explain] })
+    Ok(PoseChoice { opened, lost, found, why, explain: [placed.given_explain, placed.found_explain] })
 }
 
-/// Copies photographs, a folder for each lens, and tells what the files hold.
-fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(Given, u64), Failure> {
+/// Copies photographs, a folder for each lens, and shows what the files hold.
+fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(CameraHints, u64), Failure> {
     output::clear(folder).map_err(|e| about(folder, e))?;
-    let mut given = Given { cameras: vec![], poses: BTreeMap::new(), check: false };
+    let mut given = CameraHints { cameras: vec![], poses: BTreeMap::new(), check: false };
     let mut lenses: Vec<&CaptureCamera> = vec![];
     let mut hasher = DefaultHasher::new();
     for (index, one) in opened.capture.cameras.iter().enumerate() {
@@ -220,7 +220,7 @@ fn of_lens(one: &CaptureCamera) -> GivenCamera {
 }
 
 /// Puts what was found in the place of what was given, moved to where the given poses are.
-fn adopted(opened: &mut OpenCapture, found: OpenCapture, placed: &Placed) -> Result<Value, String> {
+fn adopted(opened: &mut OpenCapture, found: OpenCapture, placed: &ColmapResult) -> Result<Value, String> {
     let index = |one: &CaptureCamera| one.name.rsplit('/').next().and_then(|name| name.parse::<usize>().ok());
     let by_index: BTreeMap<usize, CaptureCamera> =
         found.capture.cameras.into_iter().filter_map(|one| Some((index(&one)?, one))).collect();
@@ -287,14 +287,14 @@ mod tests {
         }
     }
 
-    fn placed(frames: usize, placed: usize, given: Option<f64>, found: Option<f64>) -> Placed {
-        Placed { frames, placed, held: 0.9, given_explain: given, found_explain: found }
+    fn placed(frames: usize, placed: usize, given: Option<f64>, found: Option<f64>) -> ColmapResult {
+        ColmapResult { frames, placed, held: 0.9, given_explain: given, found_explain: found }
     }
 
     #[test]
     fn poses_are_taken_from_colmap_only_where_they_explain_clearly_more() {
-        let of = |p: Placed| choice(&p);
-        let is_found = |p: Placed| matches!(of(p), Choice::Found(_));
+        let of = |p: ColmapResult| choice(&p);
+        let is_found = |p: ColmapResult| matches!(of(p), Choice::Found(_));
         assert!(is_found(placed(50, 50, Some(0.50), Some(0.95))));
         assert!(is_found(placed(50, 40, Some(0.80), Some(0.90))));
         // A good pose stays, and so does one that is as good as what was found.
@@ -303,8 +303,8 @@ mod tests {
         // A model of few photographs says nothing of the others.
         assert!(!is_found(placed(50, 5, Some(0.30), Some(0.95))));
         let why = of(placed(50, 50, Some(0.503), Some(0.952)));
-        let told = "those of the capture explain 50 % of the verified matches, those by COLMAP 95 %";
-        assert_eq!(why, Choice::Found(told.into()));
+        let remarks = "those of the capture explain 50 % of the verified matches, those by COLMAP 95 %";
+        assert_eq!(why, Choice::Found(remarks.into()));
     }
 
     #[test]
@@ -324,7 +324,7 @@ mod tests {
         let place = found_from_given.transform_point(point).to_array().map(|x| x as f32);
         found.points = Some(Points { places: vec![place], colours: vec![[0.5; 3]], ..Default::default() });
         let wanted: Vec<Pose> = [0, 1, 3].map(|k| given.capture.cameras[k].camera.camera_from_world).to_vec();
-        let told = adopted(&mut given, found, &placed(4, 3, None, None)).unwrap();
+        let remarks = adopted(&mut given, found, &placed(4, 3, None, None)).unwrap();
         let cameras = &given.capture.cameras;
         assert_eq!(cameras.iter().map(|one| &*one.name).collect::<Vec<_>>(), ["a", "b", "d"]);
         for (camera, wanted) in cameras.iter().zip(&wanted) {
@@ -337,8 +337,8 @@ mod tests {
         let place = given.points.unwrap().places[0];
         assert!(DVec3::from_array(place.map(f64::from)).distance(point) < 1e-6, "{place:?}");
         assert!(
-            told["from_given_m"].as_f64().unwrap() < 1e-9 && told["from_given_deg"].as_f64().unwrap() < 1e-5,
-            "{told}"
+            remarks["from_given_m"].as_f64().unwrap() < 1e-9 && remarks["from_given_deg"].as_f64().unwrap() < 1e-5,
+            "{remarks}"
         );
     }
 

@@ -2,7 +2,7 @@
 
 mod again;
 
-pub use again::{Chosen, better_poses, poses_again};
+pub use again::{PoseChoice, better_poses, poses_again};
 
 use crate::Failure;
 use crate::outcome::about;
@@ -28,7 +28,7 @@ const DOUBTFUL: f64 = 0.8;
 
 /// What COLMAP made of the frames.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Placed {
+pub struct ColmapResult {
     /// Frames that it was given.
     pub frames: usize,
     /// Frames with a pose in the largest model.
@@ -43,7 +43,7 @@ pub struct Placed {
     pub found_explain: Option<f64>,
 }
 
-impl Placed {
+impl ColmapResult {
     /// Says so when a part of the poses may be wrong.
     pub fn doubt(&self, path: &Path) -> Option<String> {
         let held = 100.0 * self.held;
@@ -54,7 +54,7 @@ impl Placed {
 
 /// What is known of the cameras.
 #[derive(Debug, Serialize)]
-pub struct Given {
+pub struct CameraHints {
     /// The lenses.
     pub cameras: Vec<GivenCamera>,
     /// Poses `camera_from_world` by image: the first three rows of the matrix, row by row.
@@ -83,7 +83,7 @@ pub fn is_there() -> bool {
 ///
 /// # Errors
 /// Python or its package cannot be had, or COLMAP fails.
-pub fn find(images: &Path, folder: &Path, given: Option<&Given>) -> Result<Placed, Failure> {
+pub fn find(images: &Path, folder: &Path, given: Option<&CameraHints>) -> Result<ColmapResult, Failure> {
     let lenses = folder.join("given.json");
     let mut arguments = vec![images, folder];
     if let Some(given) = given {

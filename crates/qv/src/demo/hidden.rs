@@ -44,7 +44,7 @@ const KINDS: [Kind; 5] = [
 const STREAM: u64 = 0x6465_6d6f;
 
 /// An effect with its size and the joints that have it.
-pub struct Hidden {
+pub struct HiddenEffect {
     pub effect: Effect,
     pub size: f64,
     /// `all`, a leg, or a joint, as reports say it.
@@ -54,7 +54,7 @@ pub struct Hidden {
     neutral: f64,
 }
 
-impl Hidden {
+impl HiddenEffect {
     /// Draws one: a kind, a size, and whether all joints have it, those of a leg, or one.
     pub fn drawn(seed: u64) -> Self {
         let mut draws = SplitMix64::of(seed, STREAM);
@@ -97,19 +97,19 @@ mod tests {
 
     #[test]
     fn every_effect_and_extent_is_drawn_within_its_range() {
-        let drawn: Vec<Hidden> = (0..200).map(Hidden::drawn).collect();
+        let drawn: Vec<HiddenEffect> = (0..200).map(HiddenEffect::drawn).collect();
         let names: BTreeSet<&str> = drawn.iter().map(|h| h.effect.name.as_str()).collect();
         assert_eq!(names.len(), KINDS.len(), "{names:?}");
         let extents: BTreeSet<usize> = drawn.iter().map(|h| h.joints.len()).collect();
         assert_eq!(extents, BTreeSet::from([1, 3, 12]));
         assert!(drawn.iter().all(|h| (h.effect.range[0]..=h.effect.range[1]).contains(&h.size)));
-        assert_eq!(Hidden::drawn(5).to_json(), Hidden::drawn(5).to_json(), "a seed draws the same");
+        assert_eq!(HiddenEffect::drawn(5).to_json(), HiddenEffect::drawn(5).to_json(), "a seed draws the same");
     }
 
     #[test]
     fn it_adds_to_the_small_differences() {
         let hidden =
-            (0..).map(Hidden::drawn).find(|h| h.effect.name == "motor_gain_kp" && h.joints.len() == 1).unwrap();
+            (0..).map(HiddenEffect::drawn).find(|h| h.effect.name == "motor_gain_kp" && h.joints.len() == 1).unwrap();
         let name = hidden.parameter.replace("{joint}", hidden.joints[0]);
         let of = |list: Vec<(String, f64)>| list.into_iter().find(|(n, _)| *n == name).unwrap().1;
         let (with, without) = (of(hidden.parameters(3)), of(small_differences(3)));

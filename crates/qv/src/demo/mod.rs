@@ -8,7 +8,7 @@ use crate::outcome::about;
 use crate::output::{commit, make_folder, write_whole};
 use crate::progress::remark;
 use crate::{Failure, Outcome, say};
-use hidden::Hidden;
+use hidden::HiddenEffect;
 use qv_go2::synthetic::{self, Robot};
 use qv_sim::Terrain;
 use serde_json::{Value, json};
@@ -41,10 +41,10 @@ pub struct Demo {
 impl Demo {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
-        let hidden = Hidden::drawn(self.seed);
+        let hidden = HiddenEffect::drawn(self.seed);
         self.record(&hidden)?;
         let [bag, why, view] = ["run.mcap", "why", "view.html"].map(|name| self.out.join(name));
-        self.tell(&format!("A made-up Go2 walked for {} s. It hides one effect.\n", synthetic::DURATION))?;
+        self.notify(&format!("A made-up Go2 walked for {} s. It hides one effect.\n", synthetic::DURATION))?;
         self.call(&["diagnose".as_ref(), &bag, "--out".as_ref(), &why])?;
         self.call(&["view".as_ref(), &why, "--out".as_ref(), &view])?;
         let report = read(&why.join("report.json"))?;
@@ -58,7 +58,7 @@ impl Demo {
             say(&format!("{line}\n"))?;
         }
         let verdict = if is_named { "The hidden effect was found" } else { "The hidden effect was not found" };
-        self.tell(&format!(
+        self.notify(&format!(
             "\nHidden: {}.\nFound:  {}.\n{verdict}, in {:.0} s. The page to read is {}.\n",
             of_hidden(&hidden),
             of_cause(found).unwrap_or_else(|| "no single cause".into()),
@@ -74,7 +74,7 @@ impl Demo {
     }
 
     /// Recording and truth.
-    fn record(&self, hidden: &Hidden) -> Result<(), Failure> {
+    fn record(&self, hidden: &HiddenEffect) -> Result<(), Failure> {
         make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let robot = Robot { parameters: hidden.parameters(self.seed), seed: self.seed, start: [0.0; 3] };
         let messages = synthetic::record(&Terrain::plane(), &robot)?;
@@ -85,7 +85,7 @@ impl Demo {
         commit().map_err(|e| about(&self.out, e))
     }
 
-    fn tell(&self, text: &str) -> Result<(), Failure> {
+    fn notify(&self, text: &str) -> Result<(), Failure> {
         if !self.json {
             say(text)?;
         }
@@ -95,7 +95,7 @@ impl Demo {
     /// Runs `qv` as one would type it, in a process of its own: what it does here is what it does there.
     fn call(&self, words: &[&Path]) -> Result<(), Failure> {
         let typed: Vec<String> = words.iter().map(|word| word.display().to_string()).collect();
-        self.tell(&format!("\n$ qv {}\n", typed.join(" ")))?;
+        self.notify(&format!("\n$ qv {}\n", typed.join(" ")))?;
         let program = std::env::current_exe().map_err(|e| format!("expected this program's own path, found {e}"))?;
         let mut command = Command::new(program);
         command.args(words).arg("--no-config").stdin(Stdio::null());
@@ -116,7 +116,7 @@ fn read(path: &Path) -> Result<Value, Failure> {
     serde_json::from_str(&text).map_err(|e| about(path, format!("expected JSON, found {e}")))
 }
 
-fn of_hidden(hidden: &Hidden) -> String {
+fn of_hidden(hidden: &HiddenEffect) -> String {
     let (effect, name) = (&hidden.effect, hidden.effect.name.replace('_', " "));
     format!("{name} {:.4} {} of {} ({})", hidden.size, unit(&effect.unit), place(&hidden.scope), effect.about)
 }

@@ -38,11 +38,11 @@ pub enum End {
 
 /// How a child ended, and what it took.
 #[derive(Debug)]
-pub struct Ended {
+pub struct ChildExit {
     pub end: End,
-    /// Time of processors \[s\]; 0 where the system does not tell.
+    /// Time of processors \[s\]; 0 where the system does not show.
     pub cpu_seconds: f64,
-    /// \[MiB\]; 0 where the system does not tell.
+    /// \[MiB\]; 0 where the system does not show.
     pub peak_mib: f64,
 }
 
@@ -66,16 +66,16 @@ pub fn end_with_parent() {
 }
 
 /// Runs a command to its end within limits, or until `stop`.
-pub fn run(mut command: Command, limits: Limits, stop: &AtomicBool) -> Ended {
+pub fn run(mut command: Command, limits: Limits, stop: &AtomicBool) -> ChildExit {
     command.env(PARENT, std::process::id().to_string());
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let begun = Instant::now();
     let mut child = match command.spawn() {
         Ok(child) => child,
-        Err(e) => return Ended { end: End::NotStarted(e.to_string()), cpu_seconds: 0.0, peak_mib: 0.0 },
+        Err(e) => return ChildExit { end: End::NotStarted(e.to_string()), cpu_seconds: 0.0, peak_mib: 0.0 },
     };
-    let (mut seen, mut pause) = (Seen::default(), LOOKS[0]);
+    let (mut seen, mut pause) = (ProcessStatus::default(), LOOKS[0]);
     let mut broken = None;
     loop {
         seen.look(child.id());
@@ -104,7 +104,7 @@ pub fn run(mut command: Command, limits: Limits, stop: &AtomicBool) -> Ended {
         (None, Ok(status)) => of_status(status),
         (None, Err(e)) => End::NotStarted(e.to_string()),
     };
-    Ended { end, cpu_seconds: seen.cpu_seconds, peak_mib: seen.peak_mib }
+    ChildExit { end, cpu_seconds: seen.cpu_seconds, peak_mib: seen.peak_mib }
 }
 
 fn of_status(status: std::process::ExitStatus) -> End {
@@ -124,10 +124,10 @@ fn kill(child: &mut Child) {
     _ = child.kill();
 }
 
-/// What the system tells of a process.
+/// What the system reports a process.
 #[derive(Default)]
-struct Seen {
-    /// Whether it tells anything.
+struct ProcessStatus {
+    /// Whether it shows anything.
     is_known: bool,
     /// It ended, and waits to be asked how.
     is_over: bool,
@@ -136,7 +136,7 @@ struct Seen {
     peak_mib: f64,
 }
 
-impl Seen {
+impl ProcessStatus {
     fn look(&mut self, pid: u32) {
         let Ok(stat) = std::fs::read_to_string(format!("/proc/{pid}/stat")) else { return };
         // The name, in brackets, may hold anything; state is what comes behind it.
@@ -161,7 +161,7 @@ mod tests {
     use super::*;
     use std::process::Stdio;
 
-    fn shell(text: &str, limits: Limits, stop: bool) -> Ended {
+    fn shell(text: &str, limits: Limits, stop: bool) -> ChildExit {
         let mut command = Command::new("sh");
         command.args(["-c", text]).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         run(command, limits, &AtomicBool::new(stop))

@@ -31,7 +31,7 @@ fn look(path: &Path, without: Option<&Path>, seen: &mut BTreeSet<PathBuf>, found
         return found.push(path.to_path_buf());
     }
     if fs::read_dir(path).is_err() {
-        // What cannot be looked into is told when it is opened.
+        // What cannot be looked into is reported when it is opened.
         return found.push(path.to_path_buf());
     }
     let entries = entries(path);

@@ -1,9 +1,9 @@
 //! The folder of a fleet: its plan, and a folder for each unit.
 
 use crate::Failure;
-use crate::lock::{Lock, Tried};
+use crate::lock::{Lock, LockAttempt};
 use crate::outcome::about;
-use qv_fleet::state::{Done, Failed};
+use qv_fleet::state::{FailedUnit, UnitRecord};
 use qv_fleet::{Plan, Unit};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -54,8 +54,10 @@ impl Folder {
         fs::create_dir_all(path).map_err(|e| about(path, format!("expected to make it, found {e}")))?;
         let file = path.join("lock");
         match Lock::try_take(&file)? {
-            Tried::Taken(lock) => Ok(lock),
-            Tried::HeldBy(who) => Err(about(&file, format!("expected nobody at work in this folder, found {who}"))),
+            LockAttempt::Taken(lock) => Ok(lock),
+            LockAttempt::HeldBy(who) => {
+                Err(about(&file, format!("expected nobody at work in this folder, found {who}")))
+            }
         }
     }
 
@@ -70,15 +72,15 @@ impl Folder {
     }
 
     /// The record and report of a unit that is done.
-    pub fn done(&self, unit: &Unit) -> Option<(Done, Vec<u8>)> {
+    pub fn done(&self, unit: &Unit) -> Option<(UnitRecord, Vec<u8>)> {
         let text = fs::read_to_string(self.of(unit).join("done.json")).ok()?;
         let report = self.report(unit)?;
-        Some((Done::read(&text, &self.plan, unit, &report)?, report))
+        Some((UnitRecord::read(&text, &self.plan, unit, &report)?, report))
     }
 
     /// The record of a unit that failed.
-    pub fn failed(&self, unit: &Unit) -> Option<Failed> {
-        Failed::read(&fs::read_to_string(self.of(unit).join("failed.json")).ok()?, unit)
+    pub fn failed(&self, unit: &Unit) -> Option<FailedUnit> {
+        FailedUnit::read(&fs::read_to_string(self.of(unit).join("failed.json")).ok()?, unit)
     }
 }
 

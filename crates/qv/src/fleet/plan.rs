@@ -6,7 +6,7 @@ use super::hash;
 use crate::output::{OutputFolder, write_whole};
 use crate::progress::progress;
 use crate::{Failure, Outcome, say};
-use qv_fleet::{Command, InputFile, Plan as Units, Recording, Refused, Task, sha256};
+use qv_fleet::{Command, InputFile, Plan as Units, Recording, RefusedPath, Task, sha256};
 use qv_open::{Reading, open_run};
 use qv_recording::run::Robot;
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// Lines of what could not be opened that are printed.
 const TOLD: usize = 10;
-/// Digits of the hash by which robots of one name and different models are told apart.
+/// Digits of the hash by which robots of one name and different models are distinguished.
 const DIGITS: usize = 6;
 
 /// What makes recordings be of one robot.
@@ -97,9 +97,9 @@ impl Plan {
         let read = |(folder, path): &(PathBuf, PathBuf)| {
             let found = self.recording(folder, path);
             bar.inc(1);
-            found.map_err(|reason| Refused { path: path.display().to_string(), reason })
+            found.map_err(|reason| RefusedPath { path: path.display().to_string(), reason })
         };
-        let found: Vec<Result<Recording, Refused>> = pool.install(|| paths.par_iter().map(read).collect());
+        let found: Vec<Result<Recording, RefusedPath>> = pool.install(|| paths.par_iter().map(read).collect());
         bar.finish_and_clear();
         let (mut good, mut refused) = (Vec::new(), Vec::new());
         for one in found {
@@ -208,7 +208,7 @@ fn stored(path: &Path) -> Result<String, String> {
     })
 }
 
-/// The name of a robot; models that recordings bring along are told apart by their contents.
+/// The name of a robot; models that recordings bring along are distinguished by their contents.
 fn model_name(robot: &Robot) -> String {
     let text = match robot {
         Robot::Named(name) => return name.clone(),

@@ -24,7 +24,7 @@ pub struct Rehearse {
 /// What `rehearse.json` may ask for.
 #[derive(Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-struct Part {
+struct RehearsedFault {
     /// How long it takes \[s\].
     seconds: f64,
     /// Memory that it takes \[MiB\].
@@ -43,9 +43,9 @@ impl Rehearse {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let run = &self.runs[0];
         let beside = if run.is_dir() { run.join("rehearse.json") } else { run.with_file_name("rehearse.json") };
-        let part: Part = match fs::read_to_string(&beside) {
+        let part: RehearsedFault = match fs::read_to_string(&beside) {
             Ok(text) => serde_json::from_str(&text)?,
-            Err(_) => Part::default(),
+            Err(_) => RehearsedFault::default(),
         };
         // A line for each start, so that tests see what was started twice.
         let starts = self.out.with_file_name("starts.txt");

@@ -4,7 +4,7 @@ use super::child::{Limits, watches_memory};
 use super::folder::Folder;
 use super::unit::{Ending, How, work};
 use crate::numbers::positive;
-use crate::progress::{Level, duration, spinner, tells};
+use crate::progress::{Level, duration, reports, spinner};
 use crate::terminal::{print_message, shown};
 use crate::{Failure, Outcome, say};
 use qv_fleet::Unit;
@@ -101,7 +101,7 @@ impl Run {
         let threads = self.unit.is_none().then(|| (processors / jobs).max(1));
         let limits = Limits { memory: self.memory, timeout: self.timeout };
         let how = How { limits, retries: self.retries, threads, stop };
-        let (next, told) = (AtomicUsize::new(0), Teller::new(total, wanted.len()));
+        let (next, remarks) = (AtomicUsize::new(0), Reporter::new(total, wanted.len()));
         let tally = Mutex::new(tally);
         std::thread::scope(|scope| {
             for _ in 0..jobs {
@@ -112,17 +112,17 @@ impl Run {
                         }
                         let ending = work(folder, unit, &how).map_err(|e| e.to_string());
                         let mut tally = tally.lock().unwrap_or_else(|e| e.into_inner());
-                        tally.count(unit, ending, &told);
+                        tally.count(unit, ending, &remarks);
                         if tally.broken.is_some() {
                             // The folder cannot be written: no unit can be done.
                             stop.store(true, Ordering::Relaxed);
                         }
-                        told.tell(&tally);
+                        remarks.notify(&tally);
                     }
                 });
             }
         });
-        told.finish();
+        remarks.finish();
         tally.into_inner().unwrap_or_else(|e| e.into_inner())
     }
 
@@ -152,7 +152,7 @@ impl Run {
 }
 
 impl Tally {
-    fn count(&mut self, unit: &Unit, ending: Result<Ending, String>, told: &Teller) {
+    fn count(&mut self, unit: &Unit, ending: Result<Ending, String>, remarks: &Reporter) {
         match ending {
             Ok(Ending::Done(done)) => {
                 self.done += 1;
@@ -168,7 +168,7 @@ impl Tally {
                 self.cpu_seconds += failed.cost.cpu_seconds;
                 let paths: Vec<&str> = unit.recordings.iter().map(|r| r.path.as_str()).collect();
                 let why = format!("{} ({}): {}: {}", unit.id, paths.join(", "), failed.kind.words(), failed.reason);
-                told.line(&why);
+                remarks.line(&why);
                 self.last = Some(why);
             }
             Ok(Ending::Stopped) => {}
@@ -183,8 +183,8 @@ fn line(tally: &Tally, total: usize, seconds: f64) -> String {
     format!("{value}\n")
 }
 
-/// Tells how far it is.
-struct Teller {
+/// Reports how far it is.
+struct Reporter {
     bar: indicatif::ProgressBar,
     has_lines: bool,
     begun: Instant,
@@ -194,13 +194,13 @@ struct Teller {
     wanted: usize,
 }
 
-impl Teller {
+impl Reporter {
     fn new(total: usize, wanted: usize) -> Self {
-        let has_lines = tells(Level::Normal) && !std::io::stderr().is_terminal();
+        let has_lines = reports(Level::Normal) && !std::io::stderr().is_terminal();
         Self { bar: spinner(""), has_lines, begun: Instant::now(), last: Mutex::new(0.0), total, wanted }
     }
 
-    fn tell(&self, tally: &Tally) {
+    fn notify(&self, tally: &Tally) {
         let at = self.begun.elapsed().as_secs_f64();
         let text = far(tally, self.total, self.wanted, at);
         let mut last = self.last.lock().unwrap_or_else(|e| e.into_inner());
@@ -211,7 +211,7 @@ impl Teller {
         self.bar.set_message(shown(&text));
     }
 
-    /// A failure; that of an only unit is told at the end.
+    /// A failure; that of an only unit is reported at the end.
     fn line(&self, text: &str) {
         if self.total == 1 {
             return;

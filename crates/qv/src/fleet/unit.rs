@@ -7,7 +7,7 @@ use crate::Failure;
 use crate::lock::Lock;
 use crate::outcome::about;
 use crate::output::{self, open_plain, write_whole};
-use qv_fleet::state::{Cost, Done, Failed, Kind};
+use qv_fleet::state::{Cost, FailedUnit, Kind, UnitRecord};
 use qv_fleet::{InputFile, Unit};
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, Write};
@@ -31,10 +31,10 @@ pub struct How<'a> {
 
 /// How it ended.
 pub enum Ending {
-    Done(Done),
+    Done(UnitRecord),
     /// It was done before.
     AlreadyDone,
-    Failed(Failed),
+    Failed(FailedUnit),
     Stopped,
 }
 
@@ -56,7 +56,7 @@ pub fn work(folder: &Folder, unit: &Unit, how: &How) -> Result<Ending, Failure> 
     ["done.json", "failed.json"].iter().for_each(|name| remove_record(&place.join(name)));
     let (begun, mut cost) = (Instant::now(), Cost::default());
     let failed = |kind, reason, cost| {
-        let failed = Failed::new(unit, kind, reason, cost);
+        let failed = FailedUnit::new(unit, kind, reason, cost);
         write_whole(&place.join("failed.json"), failed.to_text().as_bytes())?;
         Ok(Ending::Failed(failed))
     };
@@ -70,13 +70,13 @@ pub fn work(folder: &Folder, unit: &Unit, how: &How) -> Result<Ending, Failure> 
         cost.cpu_seconds += ended.cpu_seconds;
         cost.peak_mib = cost.peak_mib.max(ended.peak_mib);
         let (kind, reason) = match judged(folder, unit, ended.end, &how.limits) {
-            Judged::Done(code, report) => {
-                let done = Done::new(&folder.plan, unit, code, &report, cost);
+            UnitVerdict::UnitRecord(code, report) => {
+                let done = UnitRecord::new(&folder.plan, unit, code, &report, cost);
                 write_whole(&place.join("done.json"), done.to_text().as_bytes())?;
                 return Ok(Ending::Done(done));
             }
-            Judged::Stopped => return Ok(Ending::Stopped),
-            Judged::Failed(kind, reason) => (kind, reason),
+            UnitVerdict::Stopped => return Ok(Ending::Stopped),
+            UnitVerdict::FailedUnit(kind, reason) => (kind, reason),
         };
         if !kind.may_pass() || cost.attempts > how.retries {
             return failed(kind, reason, cost);
@@ -122,7 +122,7 @@ fn changed(folder: &Folder, unit: &Unit) -> Option<String> {
     Some(format!("{}: expected the contents that were planned, found others: plan again", file.path))
 }
 
-fn attempt(folder: &Folder, unit: &Unit, how: &How, lock: &Lock) -> Result<child::Ended, Failure> {
+fn attempt(folder: &Folder, unit: &Unit, how: &How, lock: &Lock) -> Result<child::ChildExit, Failure> {
     let place = folder.of(unit);
     let (out, log) = (place.join("out"), place.join("log.txt"));
     if !folder.plan.task.command.goes_on() {
@@ -146,22 +146,22 @@ fn attempt(folder: &Folder, unit: &Unit, how: &How, lock: &Lock) -> Result<child
     Ok(child::run(command, how.limits, how.stop))
 }
 
-enum Judged {
+enum UnitVerdict {
     Done(i32, Vec<u8>),
     Failed(Kind, String),
     Stopped,
 }
 
-fn judged(folder: &Folder, unit: &Unit, end: End, limits: &Limits) -> Judged {
+fn judged(folder: &Folder, unit: &Unit, end: End, limits: &Limits) -> UnitVerdict {
     let command = folder.plan.task.command;
     let (kind, reason) = match end {
         End::Code(code @ (0 | 3)) => match folder.report(unit) {
             Some(report) if serde_json::from_slice::<serde_json::Value>(&report).is_ok() => {
-                return Judged::Done(code, report);
+                return UnitVerdict::UnitRecord(code, report);
             }
             _ => (Kind::NoReport, format!("expected {}, found none that can be read", command.report())),
         },
-        End::Stopped => return Judged::Stopped,
+        End::Stopped => return UnitVerdict::Stopped,
         End::Code(2) => (Kind::Usage, last_line(folder, unit)),
         // Somebody else stopped it.
         End::Code(code) if code == i32::from(crate::stop::STOPPED) => (Kind::Killed, "stopped".into()),
@@ -172,7 +172,7 @@ fn judged(folder: &Folder, unit: &Unit, end: End, limits: &Limits) -> Judged {
         End::Memory => (Kind::Memory, format!("more than {} MiB", limits.memory.unwrap_or_default())),
         End::NotStarted(reason) => (Kind::NotStarted, reason),
     };
-    Judged::Failed(kind, reason)
+    UnitVerdict::FailedUnit(kind, reason)
 }
 
 /// What the command said last.

@@ -21,12 +21,12 @@ use input::Input;
 use labels::{fitting, materials};
 use qv_core::{GaussianCloud, Material, TriangleMesh};
 use qv_mesh::agree::{AgreeOptions, keep_agreeing};
-use qv_mesh::clean::Dropped;
+use qv_mesh::clean::DroppedPieces;
 use qv_mesh::close::close_to_solid;
 use qv_mesh::compare::{Likeness, compare_points, measurable, register, sample};
 use qv_mesh::files::{glb, ply, stl};
 use qv_mesh::labels::LabelledPoints;
-use qv_mesh::planes::{Drawn, Laid, lay_on_planes};
+use qv_mesh::planes::{Laid, RenderedFrame, lay_on_planes};
 use qv_mesh::similarity::Similarity;
 use qv_mesh::{DepthFrame, FuseOptions, MeshOptions, MeshReport, Topology, fuse, surface};
 use qv_raster::{Outputs, Scene, Settings, View, render};
@@ -75,7 +75,7 @@ struct Reference {
 }
 
 /// What became of depths and frame.
-struct Moved {
+struct AlignedDepths {
     result_from_scene: Similarity,
     agreeing: f64,
     laid: Option<Laid>,
@@ -172,8 +172,8 @@ impl Mesh {
         // The mesh is there whatever becomes of comparing it.
         let likeness = likeness?;
         let seconds = [read_s, fuse_s, surface_s];
-        let how = Moved { result_from_scene, agreeing, laid };
-        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, how, &lost)?;
+        let how = AlignedDepths { result_from_scene, agreeing, laid };
+        self.notify(&mesh, &report, &likeness, input.capture.frames.len(), seconds, how, &lost)?;
         lost.iter().for_each(|what| print_message!("lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
@@ -353,7 +353,7 @@ impl Mesh {
     }
 
     /// Lays plain regions on planes.
-    fn lay_on_planes(&self, frames: &mut [DepthFrame], drawn: &[Drawn]) -> Result<Laid, Failure> {
+    fn lay_on_planes(&self, frames: &mut [DepthFrame], drawn: &[RenderedFrame]) -> Result<Laid, Failure> {
         let sign = spinner("looking for planes");
         let laid = lay_on_planes(frames, drawn, self.voxel).map_err(|e| about(&self.scene, e))?;
         sign.finish_and_clear();
@@ -375,13 +375,13 @@ impl Mesh {
         let distances = [0.02, 0.05];
         let most = distances[distances.len() - 1];
         // Of what could not be measured the reference says nothing.
-        let told = |points: Vec<DVec3>| match frames {
+        let remarks = |points: Vec<DVec3>| match frames {
             Some(frames) => measurable(points, frames, most),
             None => points,
         };
         let mut found = sample(mesh, SAMPLES, 1)?;
         if self.compare_aligned {
-            let laid = register(&told(found.clone()), points).map_err(|e| about(path, e))?;
+            let laid = register(&remarks(found.clone()), points).map_err(|e| about(path, e))?;
             let (share, laid) = (laid.share, laid.reference_from_found);
             found.iter_mut().for_each(|p| *p = laid.transform_point(*p));
             let turn = laid.pose.rotation.to_axis_angle().1.to_degrees();
@@ -395,7 +395,7 @@ impl Mesh {
                 );
             }
         }
-        compare_points(&told(found.clone()), &found, points, &distances).map_err(|e| about(path, e))
+        compare_points(&remarks(found.clone()), &found, points, &distances).map_err(|e| about(path, e))
     }
 
     /// RGB-D frames that a reference was made of, without what it leaves out as too far.
@@ -408,14 +408,14 @@ impl Mesh {
         Ok(frames)
     }
 
-    fn tell(
+    fn notify(
         &self,
         mesh: &TriangleMesh,
         report: &MeshReport,
         likeness: &[Likeness],
         frames: usize,
         [read_s, fuse_s, surface_s]: [f64; 3],
-        Moved { result_from_scene, agreeing, laid }: Moved,
+        AlignedDepths { result_from_scene, agreeing, laid }: AlignedDepths,
         lost: &[String],
     ) -> Result<(), Failure> {
         let topology = &report.topology;
@@ -472,7 +472,7 @@ impl Mesh {
 }
 
 /// What was left out, and that it may be more than noise.
-fn pieces(Dropped { count, largest }: &Dropped) -> String {
+fn pieces(DroppedPieces { count, largest }: &DroppedPieces) -> String {
     match count {
         0 => "no pieces dropped".into(),
         _ => format!("{count} pieces dropped, the largest of {largest:.2} m² (--open --pieces AREA keeps more)"),

@@ -16,7 +16,7 @@ use qv_core::{Camera, Pose, statistics};
 use qv_mesh::similarity::Similarity;
 use qv_nav::eye::Paints;
 use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
-use qv_nav::photographs::{Agreement, Found, Pair, Photograph, agreement, pairs};
+use qv_nav::photographs::{Agreement, Pair, Photograph, PictureScores, agreement, pairs};
 use qv_page::parts::{card, grid, titled_card, track_with_interval};
 use qv_page::{Page, Table, fixed, percent};
 use qv_splat::captures::Capture;
@@ -62,7 +62,7 @@ pub struct Look {
 const SHOWN: usize = 24;
 
 /// What was looked at, beside what came out.
-struct Looked {
+struct PictureReport {
     pairs: Vec<Pair>,
     photographs: usize,
     /// Heights of their cameras above the ground \[m\], in order.
@@ -78,7 +78,7 @@ impl Look {
         let net = Net::default();
         let parameters = weights_at(&self.weights, &net)?;
         let (photographs, lost) = self.photographs()?;
-        let mut looked = Looked { pairs: vec![], photographs: 0, heights: vec![] };
+        let mut looked = PictureReport { pairs: vec![], photographs: 0, heights: vec![] };
         let (mut narrow, mut high) = (0, 0);
         for (k, photograph) in photographs.iter().enumerate() {
             let ground = |p| world.map.height(p).or(self.place.floor);
@@ -114,14 +114,14 @@ impl Look {
             ));
         }
         looked.heights.sort_by(f64::total_cmp);
-        let told = agreement(&world, &net, &parameters, &looked.pairs);
-        write_whole(&self.out, to_html(&told, &looked)?.as_bytes())?;
+        let result = agreement(&world, &net, &parameters, &looked.pairs);
+        write_whole(&self.out, to_html(&result, &looked)?.as_bytes())?;
         if self.json {
             let line = json!({"format": "qv-navigate-look/1", "photographs": looked.photographs, "heights_m": looked.heights,
-                "agreement": told, "out": self.out, "lost": lost});
+                "agreement": result, "out": self.out, "lost": lost});
             say(&format!("{line}\n"))?;
         } else {
-            say(&summary(&told, &looked))?;
+            say(&summary(&result, &looked))?;
         }
         lost.iter().for_each(|what| print_message!("lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
@@ -193,8 +193,8 @@ fn similarity(file: &Path) -> Result<Similarity, Failure> {
         .ok_or_else(|| about(file, format!("expected `result_from_scene` of `qv mesh --json`, found {moved}")))
 }
 
-fn rows(told: &Agreement) -> [(&'static str, &Found); 2] {
-    [("drawn", &told.drawn), ("photographed", &told.photographed)]
+fn rows(result: &Agreement) -> [(&'static str, &PictureScores); 2] {
+    [("drawn", &result.drawn), ("photographed", &result.photographed)]
 }
 
 /// Such as `12.3 deg`, or a dash.
@@ -202,29 +202,29 @@ fn or_dash(value: Option<f64>, write: impl Fn(f64) -> String) -> String {
     value.map_or_else(|| "–".into(), write)
 }
 
-fn bearing(found: &Found) -> String {
+fn bearing(found: &PictureScores) -> String {
     or_dash(found.bearing, |off| format!("{}°", fixed(off.to_degrees(), 1)))
 }
 
-fn distance(found: &Found) -> String {
+fn distance(found: &PictureScores) -> String {
     or_dash(found.distance, |off| percent(off.exp_m1()))
 }
 
-fn heights(looked: &Looked) -> String {
+fn heights(looked: &PictureReport) -> String {
     let mut all = looked.heights.clone();
     let (low, high) = (all[0], all[all.len() - 1]);
     format!("{low:.2} to {high:.2} m above the ground, in the middle {:.2} m", statistics::median(&mut all))
 }
 
-fn summary(told: &Agreement, looked: &Looked) -> String {
+fn summary(result: &Agreement, looked: &PictureReport) -> String {
     let mut text = format!(
         "{} photographs, {}: {} views with a cone, {} questions without\n",
         looked.photographs,
         heights(looked),
-        told.views,
-        told.questions
+        result.views,
+        result.questions
     );
-    for (name, found) in rows(told) {
+    for (name, found) in rows(result) {
         let [low, high] = found.interval.map(|x| 100.0 * x);
         text += &format!(
             "{name:13} cone found {:.1} % ({low:.1} to {high:.1}), bearing off {}, distance off {}, imagined {} times\n",
@@ -234,16 +234,16 @@ fn summary(told: &Agreement, looked: &Looked) -> String {
             found.imagined
         );
     }
-    text + &format!("McNemar's exact test of what is found, photographed against drawn: p = {:.4}\n", told.p)
+    text + &format!("McNemar's exact test of what is found, photographed against drawn: p = {:.4}\n", result.p)
 }
 
 const STYLE: &str = ".pair{width:100%;image-rendering:pixelated;border-radius:6px}";
 
-fn to_html(told: &Agreement, looked: &Looked) -> Result<String, Failure> {
+fn to_html(result: &Agreement, looked: &PictureReport) -> Result<String, Failure> {
     let heads =
         ["picture", "cone found", "", "95 % interval", "bearing off", "distance off", "found where there is none"];
     let mut table = Table::with_left(&heads, &[2]);
-    for (name, found) in rows(told) {
+    for (name, found) in rows(result) {
         table.row(&[
             name.into(),
             percent(found.share),
@@ -251,10 +251,10 @@ fn to_html(told: &Agreement, looked: &Looked) -> Result<String, Failure> {
             format!("{} to {}", percent(found.interval[0]), percent(found.interval[1])),
             bearing(found),
             distance(found),
-            format!("{} of {}", found.imagined, told.questions),
+            format!("{} of {}", found.imagined, result.questions),
         ]);
     }
-    let answer = match told.p {
+    let answer = match result.p {
         p if p < 0.05 => {
             "The policy does not see photographs as it sees the scene: it may do worse on the robot than here."
         }
@@ -267,8 +267,8 @@ fn to_html(told: &Agreement, looked: &Looked) -> Result<String, Failure> {
          McNemar's exact test of what is found: p = {}.</p>",
         looked.photographs,
         heights(looked),
-        told.views,
-        fixed(told.p, 4)
+        result.views,
+        fixed(result.p, 4)
     );
     let step = looked.pairs.len().div_ceil(SHOWN).max(1);
     let mut cards = String::new();

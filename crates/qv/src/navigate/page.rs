@@ -29,7 +29,7 @@ pub struct Results {
     /// The episodes, the same for all rows.
     pub episodes: Vec<Episode>,
     /// The policy's row first.
-    pub rows: Vec<Tested>,
+    pub rows: Vec<TestRow>,
     /// The place from above.
     pub place: FromAbove,
     /// What the policy saw in some episodes.
@@ -38,7 +38,7 @@ pub struct Results {
 
 /// A row of the table.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Tested {
+pub struct TestRow {
     /// Who drove.
     pub name: String,
     /// Its figures.
@@ -255,7 +255,7 @@ mod tests {
             track: vec![[0.0, 0.0, 0.0], [0.5, 0.5, 0.0]],
         };
         let trials = vec![trial(End::Pushed), trial(End::Reached)];
-        let tested = |name: &str| Tested {
+        let tested = |name: &str| TestRow {
             name: name.into(),
             row: Row::of(&trials),
             p_against_policy: 0.5,

@@ -105,7 +105,7 @@ impl Train {
         }
         let stable = self.legs.open(&self.task.place)?;
         make_folder(&self.out).map_err(|e| about(&self.out, e))?;
-        let eye = Watched { eye: Several(eyes), stop: stop.clone() };
+        let eye = StoppableEye { eye: Several(eyes), stop: stop.clone() };
         let mut work = Work {
             train: self,
             stage: Stage::new(&world, &eye, camera),
@@ -148,7 +148,7 @@ impl Train {
             return Ok(Outcome::Stopped);
         }
         [UNFINISHED, STATE].iter().for_each(|name| output::remove(&self.out.join(name)));
-        let decisions = metrics.last().map_or(0, |told| told.frames);
+        let decisions = metrics.last().map_or(0, |result| result.frames);
         if self.json {
             let line = serde_json::json!({
                 "format": "qv-navigate-train/1", "decisions": decisions, "rounds": rounds, "out": self.out,
@@ -224,12 +224,12 @@ impl Train {
 }
 
 /// An eye that sees nothing more once a stop was asked for, so that driving ends at the next picture.
-struct Watched {
+struct StoppableEye {
     eye: Several<'static>,
     stop: Arc<AtomicBool>,
 }
 
-impl Eye for Watched {
+impl Eye for StoppableEye {
     fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
         match self.stop.load(Ordering::Relaxed) {
             true => Err(NavError::value("eye", "one that is not stopped", "one that is")),
@@ -258,7 +258,7 @@ impl Work<'_> {
         student.rounds = self.metrics.len() - first;
         let episodes = self.train.task.episodes();
         let all = self.train.rounds + self.train.trials;
-        let (before, gathered) = (self.metrics.len(), self.metrics.last().map_or(0, |told| told.frames));
+        let (before, gathered) = (self.metrics.len(), self.metrics.last().map_or(0, |result| result.frames));
         let end = first + settings.rounds;
         let name = if settings.policy.is_some() { "drive and learn from trials" } else { "drive and learn" };
         for round in before..end {
@@ -272,13 +272,13 @@ impl Work<'_> {
                 stages.at(share, &format!("{} decisions, loss {:.4}", gathered + p.frames, p.loss));
             });
             // Driving ends with an error of the eye; a round that is learning comes to its end.
-            let mut told = match learnt {
+            let mut result = match learnt {
                 Err(_) if self.is_stopped() => break,
                 learnt => learnt?,
             };
-            (told.round, told.frames) = (round + 1, gathered + told.frames);
-            told.share = (round + 1) as f64 / all as f64;
-            self.metrics.push(told);
+            (result.round, result.frames) = (round + 1, gathered + result.frames);
+            result.share = (round + 1) as f64 / all as f64;
+            self.metrics.push(result);
             // After each round, so that a training that is cut off leaves its last round.
             self.save(&student.parameters)?;
         }

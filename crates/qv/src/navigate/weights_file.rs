@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use std::fs;
 use std::path::Path;
 
-/// What weights are told apart by: the beginning of their SHA-256.
+/// What weights are distinguished by: the beginning of their SHA-256.
 pub(super) fn fingerprint(parameters: &[f32]) -> String {
     let hash = Sha256::digest(weights::to_bytes(parameters));
     hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect()

@@ -54,7 +54,7 @@ pub fn axes(text: &str) -> Result<String, String> {
 }
 
 #[derive(Deserialize)]
-struct Made {
+struct NormalMaps {
     facing: f64,
     pixels: u64,
 }
@@ -89,7 +89,7 @@ pub fn add_normals(model: &NormalModel, opened: &mut OpenCapture, out: &Path) ->
     let wrong = |found: String| about(model.file, format!("expected normals from it, found {found}"));
     let last =
         said(&PYTHON, PROGRAM, &folder.join("normals.py"), &[model.file, &task]).map_err(|e| wrong(e.to_string()))?;
-    let made: Made = serde_json::from_str(&last).map_err(|_| wrong(format!("{last:?}")))?;
+    let made: NormalMaps = serde_json::from_str(&last).map_err(|_| wrong(format!("{last:?}")))?;
     if made.pixels == 0 || made.facing < FACING {
         let share = 100.0 * made.facing;
         return Err(wrong(format!("{share:.0} % turned to the camera; --normal-axes says which axes the model has")));

@@ -8,7 +8,7 @@ use super::inputs::refuse_read;
 use super::manifest::{Manifest, exists, files_below, hash, sync};
 use super::paths::temporary;
 use crate::Failure;
-use crate::lock::{Lock, Tried};
+use crate::lock::{Lock, LockAttempt};
 use crate::outcome::about;
 use crate::progress::remark;
 use crate::terminal::print_message;
@@ -297,8 +297,8 @@ impl OutputFolder {
         let file = folder.join(LOCK);
         loop {
             let lock = match Lock::try_take(&file) {
-                Ok(Tried::Taken(lock)) => lock,
-                Ok(Tried::HeldBy(who)) => {
+                Ok(LockAttempt::Taken(lock)) => lock,
+                Ok(LockAttempt::HeldBy(who)) => {
                     let expected = "expected nobody else to write into this folder";
                     return Err(about(folder, format!("{expected}, found {who}; wait for it, or name another folder")));
                 }

@@ -181,7 +181,7 @@ pub struct Reconstruct {
     /// Weight of scale with mcmc, in units of the extent of the cameras
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
     pub(super) scale_weight: f32,
-    /// Tells how long the stages of a step take on the card
+    /// Reports how long the stages of a step take on the card
     #[arg(long, hide = true)]
     pub(super) times: bool,
     /// One line of JSON at the end instead of the summary
@@ -191,7 +191,7 @@ pub struct Reconstruct {
     #[cfg(feature = "gpu")]
     #[arg(long)]
     pub(super) gpu: bool,
-    /// Which card, by its number in the order of the drivers; the one that wgpu prefers unless told
+    /// Which card, by its number in the order of the drivers; the one that wgpu prefers unless reported
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "N", requires = "gpu", hide_short_help = true)]
     pub(super) gpu_index: Option<usize>,

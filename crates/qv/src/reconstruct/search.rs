@@ -15,7 +15,7 @@ use std::fs;
 
 /// What the search found: the file `aside.json` in the output folder, by which `--resume` goes on with as many steps.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Searched {
+pub(super) struct SearchResult {
     /// Steps that were asked for.
     asked: u32,
     seed: u32,
@@ -39,11 +39,11 @@ impl Reconstruct {
         cloud: &GaussianCloud,
         points: Option<&Points>,
         run: &mut Run,
-    ) -> Result<Option<Searched>, Failure> {
+    ) -> Result<Option<SearchResult>, Failure> {
         let path = self.out.join("aside.json");
         if self.resume {
             // What cannot be read, or is of another search, says nothing of this run.
-            let found = fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<Searched>(&bytes).ok());
+            let found = fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<SearchResult>(&bytes).ok());
             return Ok(found.filter(|found| (found.asked, found.seed) == (self.iterations, self.seed)));
         }
         // That of an earlier scene says nothing of this one.
@@ -70,7 +70,7 @@ impl Reconstruct {
                 Ok(search.see(at.iteration, psnr))
             },
         )?;
-        let found = Searched {
+        let found = SearchResult {
             asked: self.iterations,
             seed: self.seed,
             photographs: inner.held_out.len(),

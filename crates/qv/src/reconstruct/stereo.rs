@@ -6,7 +6,7 @@ use crate::Failure;
 use crate::outcome::about;
 use crate::progress::Stages;
 use qv_splat::files::Points;
-use qv_splat::stereo::{Measured, StereoOptions, measure};
+use qv_splat::stereo::{StereoDepth, StereoOptions, measure};
 use qv_splat::train::Dataset;
 use serde_json::{Value, json};
 
@@ -32,13 +32,13 @@ impl Reconstruct {
         0.2
     }
 
-    /// Measures depth where it is asked for, and tells what came of it; none where it is not.
+    /// Measures depth where it is asked for, and shows what came of it; none where it is not.
     pub(super) fn add_depths(
         &self,
         dataset: &mut Dataset,
         points: Option<&Points>,
         bar: &Stages,
-    ) -> Result<Option<Measured>, Failure> {
+    ) -> Result<Option<StereoDepth>, Failure> {
         if !self.stereo {
             return Ok(None);
         }
@@ -58,7 +58,7 @@ impl Reconstruct {
 }
 
 /// For metrics.json.
-pub(super) fn named(measured: Option<&Measured>) -> Value {
+pub(super) fn named(measured: Option<&StereoDepth>) -> Value {
     measured.map_or(
         Value::Null,
         |m| json!({"photographs": m.photographs, "share": m.share, "planes": m.planes, "step_of_depth": m.step}),

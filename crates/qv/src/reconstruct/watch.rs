@@ -35,7 +35,7 @@ pub(super) struct Run<'a> {
     saved: Instant,
     bar: &'a Stages,
     stop: Arc<AtomicBool>,
-    /// The last that was told, every hundred steps.
+    /// The last that was reported, every hundred steps.
     pub loss: Option<f32>,
     /// PSNR of the last preview's photograph, or of those that the last scene was judged by.
     pub psnr: Option<f64>,
@@ -99,7 +99,7 @@ impl<'a> Run<'a> {
         Ok(!(late || self.stop.load(Ordering::Relaxed)))
     }
 
-    /// Tells how far the search for the number of steps is; false to stop.
+    /// Reports how far the search for the number of steps is; false to stop.
     pub fn searches(&self, progress: &Progress) -> bool {
         if progress.loss.is_some() {
             let figure = format!("how many steps help: step {}, {} Gaussians", progress.iteration, progress.splats);

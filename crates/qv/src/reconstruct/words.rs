@@ -1,12 +1,12 @@
-//! Scores as they are told.
+//! Scores as they are reported.
 
-use crate::colmap::Chosen;
+use crate::colmap::PoseChoice;
 use qv_splat::SplatError;
 use qv_splat::train::{Dataset, Ground, GroundScore, Model, Score, shutter};
 use serde_json::{Value, json};
 
 /// Whose poses were taken, and why, for metrics.json.
-pub fn of_poses(chosen: &Chosen) -> Value {
+pub fn of_poses(chosen: &PoseChoice) -> Value {
     let taken = if chosen.is_given() { "capture" } else { "colmap" };
     json!({"taken": taken, "why": chosen.why, "given_explain": chosen.explain[0], "colmap_explain": chosen.explain[1]})
 }
@@ -24,11 +24,11 @@ pub fn in_words(s: &Score) -> String {
         ("with the exposure of the left", s.psnr_right_fitted),
         ("with its gains", s.psnr_right_gains),
     ];
-    let told =
+    let remarks =
         halves.iter().filter(|(_, score)| score.is_finite()).map(|(what, score)| format!("{what} {score:.2} dB"));
-    let told = told.collect::<Vec<_>>().join(", ");
-    let told = if told.is_empty() { "right halves are masked".into() } else { told };
-    format!("PSNR {:.2} dB, SSIM {:.4}; {told}", s.psnr, s.ssim)
+    let remarks = remarks.collect::<Vec<_>>().join(", ");
+    let remarks = if remarks.is_empty() { "right halves are masked".into() } else { remarks };
+    format!("PSNR {:.2} dB, SSIM {:.4}; {remarks}", s.psnr, s.ssim)
 }
 
 /// Scores for metrics.json; those that are no numbers become null.

@@ -20,7 +20,7 @@ pub fn page(report: &Report) -> String {
     let body = [
         parts::verdict(mood, "", &said),
         format!("<p>{} s of recordings were used.</p>", fixed(report.seconds, 0)),
-        parts::list(&report.told),
+        parts::list(&report.remarks),
         candidates(report),
         policies(report),
         paths(&report.paths),
@@ -234,7 +234,7 @@ mod tests {
         Report {
             robot: nasty.into(),
             seconds: 600.0,
-            told: vec![nasty.into()],
+            remarks: vec![nasty.into()],
             candidates: vec![candidate("as it was", 0.02), candidate(nasty, 0.01)],
             chosen: Some(1),
             why: "It strays least.".into(),

@@ -8,7 +8,7 @@ use qv_residual::log::Log;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Reads them; how many could not be used, which are told on standard error.
+/// Reads them; how many could not be used, which are reported on standard error.
 pub fn read(
     paths: &[PathBuf],
     pose_topic: Option<&str>,
@@ -37,10 +37,10 @@ pub fn read(
     if log.stretches.is_empty() {
         return Err(refused.join("\n").into());
     }
-    for why in refused.iter().chain(&log.told) {
+    for why in refused.iter().chain(&log.remarks) {
         print_message!("{why}");
     }
-    log.told.extend(refused.iter().cloned());
+    log.remarks.extend(refused.iter().cloned());
     Ok((log, refused.len()))
 }
 

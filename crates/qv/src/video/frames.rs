@@ -15,7 +15,7 @@ use std::process::{Command, Stdio};
 const OF: usize = 4;
 /// Longest side of a frame \[px\].
 const LONGEST: u32 = 1600;
-/// Side to which a frame is brought before its sharpness is told \[px\]: noise of the sensor is no detail.
+/// Side to which a frame is brought before its sharpness is reported \[px\]: noise of the sensor is no detail.
 const JUDGED_AT: u32 = 480;
 /// Shortest video \[s\].
 const SHORTEST: f64 = 1.0;

@@ -41,7 +41,7 @@ struct Stamp {
 
 /// A project that is good enough, and what of the video was lost.
 #[derive(Serialize, Deserialize)]
-struct Made {
+struct VideoProject {
     of: Stamp,
     lost: Vec<String>,
 }
@@ -66,7 +66,7 @@ impl Stamp {
 pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>, Failure> {
     let stamp = Stamp::of(video, frames)?;
     let stamp_file = folder.join(STAMP);
-    let found = fs::read_to_string(&stamp_file).ok().and_then(|text| serde_json::from_str::<Made>(&text).ok());
+    let found = fs::read_to_string(&stamp_file).ok().and_then(|text| serde_json::from_str::<VideoProject>(&text).ok());
     if let Some(made) = found.filter(|made| made.of == stamp && folder.join("sparse/0/images.bin").is_file()) {
         return Ok(made.lost);
     }
@@ -85,7 +85,7 @@ pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>
         lost.push(format!("{}: {left} of {} frames have no place", video.display(), placed.frames));
     }
     lost.extend(placed.doubt(video));
-    let text = serde_json::to_string(&Made { of: stamp, lost: lost.clone() })?;
+    let text = serde_json::to_string(&VideoProject { of: stamp, lost: lost.clone() })?;
     write_whole(&stamp_file, text.as_bytes())?;
     output::commit().and_then(|()| output::keep_what_is_claimed()).map_err(|e| about(folder, e))?;
     Ok(lost)
@@ -114,9 +114,9 @@ mod tests {
         // Without ffmpeg that is what is said.
         assert!(text.contains("text.mp4") || text.contains("ffprobe"), "{text}");
         fs::write(folder.join("walk.xyz"), "no video at all").unwrap();
-        let told = |name: &str| or_video(&folder.join(name), "no JSON".to_string().into()).to_string();
-        assert!(told("walk.xyz").states("JSON .mp4 .mov"));
-        assert_eq!(told("transforms.json"), "no JSON");
+        let remarks = |name: &str| or_video(&folder.join(name), "no JSON".to_string().into()).to_string();
+        assert!(remarks("walk.xyz").states("JSON .mp4 .mov"));
+        assert_eq!(remarks("transforms.json"), "no JSON");
         fs::remove_dir_all(&folder).unwrap();
     }
 }

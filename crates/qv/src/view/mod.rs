@@ -48,16 +48,16 @@ pub struct View {
 impl View {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let parts = Parts::find(&self.folders, self.run.as_deref())?;
-        let (mut lost, mut told) = (Vec::new(), parts.told.clone());
+        let (mut lost, mut remarks) = (Vec::new(), parts.remarks.clone());
         let mesh = parts.mesh.as_deref().map(place::open_mesh).transpose()?;
         let splat = match &parts.scene {
             None => None,
-            Some(path) => Some(place::splat(path, self.gaussians, &mut told)?),
+            Some(path) => Some(place::splat(path, self.gaussians, &mut remarks)?),
         };
         let motion = match &parts.run {
             None => None,
             Some(path) => {
-                let (motion, run) = motion::of(path, &self.reading, mesh.as_ref(), &parts, &mut told)?;
+                let (motion, run) = motion::of(path, &self.reading, mesh.as_ref(), &parts, &mut remarks)?;
                 lost.extend(lost_from(&run));
                 Some(motion)
             }
@@ -85,7 +85,7 @@ impl View {
             fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
         }
         write_whole(&self.out, html.as_bytes())?;
-        told.iter().for_each(|what| remark(what));
+        remarks.iter().for_each(|what| remark(what));
         lost.iter().for_each(|what| print_message!("{what}"));
         let outcome = if lost.is_empty() { Outcome::Done } else { Outcome::Partial };
         if self.json {

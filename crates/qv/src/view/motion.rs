@@ -122,7 +122,7 @@ fn pose(pose: &qv_core::Pose) -> [f64; 7] {
     [p.x, p.y, p.z, x, y, z, w]
 }
 
-/// The motion of a recording; what could not be simulated is told.
+/// The motion of a recording; what could not be simulated is reported.
 ///
 /// # Errors
 /// The recording or its robot cannot be read.
@@ -131,7 +131,7 @@ pub fn of(
     reading: &Reading,
     mesh: Option<&TriangleMesh>,
     parts: &Parts,
-    told: &mut Vec<String>,
+    remarks: &mut Vec<String>,
 ) -> Result<(Motion, Run), Failure> {
     let mut run = open_run(&RunArguments { run: path.into(), reading: reading.clone() })?;
     let model = model_of(&run, path, reading.robot.as_deref())?;
@@ -147,7 +147,7 @@ pub fn of(
     let mut tracks = vec![track("recorded", &simulated.recorded)];
     match simulated.ran_away {
         None => tracks.push(track("simulated", &simulated.whole)),
-        Some(at) => told.push(format!("the simulation ran away at {at:.1} s: it is not shown")),
+        Some(at) => remarks.push(format!("the simulation ran away at {at:.1} s: it is not shown")),
     }
     if let Some(file) = &parts.calibrated {
         let options = ReplayOptions { parameters: parameters_of(Some(file), &model, &terrain)?, ..plain };
@@ -155,7 +155,7 @@ pub fn of(
         match corrected.ran_away {
             None => tracks.push(track("corrected", &corrected.whole)),
             Some(at) => {
-                told.push(format!("with the corrections the simulation ran away at {at:.1} s: it is not shown"))
+                remarks.push(format!("with the corrections the simulation ran away at {at:.1} s: it is not shown"))
             }
         }
     }
@@ -183,7 +183,7 @@ fn track(name: &'static str, model: &Model, feet: &Feet, [trace, recorded]: [&Tr
     let is_known = count > 0 && trace.foot_force.len() == count * trace.time.len();
     let usual = if is_known { usual_force(&trace.foot_force) } else { None };
     let mut on_feet = Vec::new();
-    // A recorded position that is missing is where it was last: a robot without a leg tells less.
+    // A recorded position that is missing is where it was last: a robot without a leg shows less.
     let (mut last, mut base) = (vec![0.0; n], None);
     let mut all = Vec::with_capacity(kept.len() * links * 7);
     for &k in kept {

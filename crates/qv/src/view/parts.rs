@@ -22,7 +22,7 @@ pub struct Parts {
     pub contact: Option<Value>,
     /// The recording.
     pub run: Option<PathBuf>,
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
 }
 
 impl Parts {
@@ -39,14 +39,14 @@ impl Parts {
         let (diagnosis, contact, replay) = (json("report.json")?, json("contact.json")?, json("replay.json")?);
         let reports = [&diagnosis, &replay, &contact];
         let named = || reports.into_iter().flatten().flat_map(inputs).collect::<Vec<String>>();
-        let mut told = Vec::new();
+        let mut remarks = Vec::new();
         let run = match run {
             Some(path) => Some(path.to_path_buf()),
             None => {
                 let recordings: Vec<String> = named().into_iter().filter(|path| is_recording(path)).collect();
                 let found = recordings.iter().find_map(|path| at(path, folders));
                 if let (None, Some(path)) = (&found, recordings.first()) {
-                    told.push(format!("{path}: the recording is not there any more; --run names another"));
+                    remarks.push(format!("{path}: the recording is not there any more; --run names another"));
                 }
                 found.map(|path| whole(&path))
             }
@@ -65,7 +65,7 @@ impl Parts {
             diagnosis,
             contact,
             run,
-            told,
+            remarks,
         })
     }
 }

@@ -38,12 +38,12 @@ pub fn open_mesh(path: &Path) -> Result<TriangleMesh, Failure> {
 }
 
 /// The Gaussians of a file, at most `most` of them.
-pub fn splat(path: &Path, most: usize, told: &mut Vec<String>) -> Result<Splat, Failure> {
+pub fn splat(path: &Path, most: usize, remarks: &mut Vec<String>) -> Result<Splat, Failure> {
     let file = open_scene(path)?;
     let all = file.cloud.len();
     let cloud = thinned(&file.cloud, most);
     if cloud.len() < all {
-        told.push(format!("{}: {} of {all} Gaussians, those that cover most", path.display(), cloud.len()));
+        remarks.push(format!("{}: {} of {all} Gaussians, those that cover most", path.display(), cloud.len()));
     }
     let bytes = write(&cloud, Format::CompressedPly).map_err(|e| about(path, e))?;
     Ok(Splat { count: cloud.len(), file: bytes, background: file.background })

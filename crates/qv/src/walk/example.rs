@@ -1,6 +1,6 @@
-//! A walk that nobody walked, for tests: the Go2's links, legs that swing as sines tell.
+//! A walk that nobody walked, for tests: the Go2's links, legs that swing as sines show.
 
-use qv_policy::play::Played;
+use qv_policy::play::WalkTrace;
 use qv_policy::policy::PolicyFile;
 use qv_policy::ppo::Iteration;
 use qv_policy::score::Score;
@@ -9,10 +9,10 @@ use qv_policy::velocity::{Randomise, TaskSettings};
 use std::f32::consts::TAU;
 
 /// `steps` decisions of a trot at 2 Hz and 0.5 m/s, 50 decisions a second; every swing lasts 0.24 s and lifts a foot by 5 cm.
-pub fn made_up(steps: usize) -> Played {
+pub fn made_up(steps: usize) -> WalkTrace {
     let robot = qv_go2::walk::robot().unwrap();
     let geoms = &robot.model.geoms;
-    let mut played = Played {
+    let mut played = WalkTrace {
         rate: 50.0,
         joints: robot.model.joint_names().to_vec(),
         feet: robot.feet.iter().map(|&g| geoms[g].name.clone()).collect(),

@@ -5,7 +5,7 @@ use crate::Failure;
 use crate::fixture::label_and_value;
 use qv_policy::policy::Policy;
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
-use qv_residual::hidden::{Engine, Hidden};
+use qv_residual::hidden::{Engine, HiddenRobot};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -43,17 +43,17 @@ pub struct MadeUp {
 }
 
 /// The robot and a policy of ours that moves it.
-pub struct Walked {
+pub struct SimulatedWalk {
     pub robot: TaskRobot,
     pub ground: Ground,
-    pub hidden: Hidden,
+    pub hidden: HiddenRobot,
     pub policy: Policy,
     pub task: TaskSettings,
 }
 
 impl MadeUp {
     /// Under a `policy.onnx` with policy.toml and checkpoint.bin beside it.
-    pub fn under(&self, path: &Path) -> Result<Walked, Failure> {
+    pub fn under(&self, path: &Path) -> Result<SimulatedWalk, Failure> {
         let (_, file) = policy_of(path)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, path)?;
         let start = checkpoint_of(path, &robot)?;
@@ -63,15 +63,15 @@ impl MadeUp {
             _ => of_mesh(&self.ground, &self.friction, self.room, self.seed)?,
         };
         let hidden = match self.effects {
-            Effects::Inside => Hidden::inside(&robot, Engine::Ours, self.seed),
-            Effects::Outside => Hidden::outside(&robot, Engine::Ours, self.seed),
-            Effects::Nothing => Hidden::nothing(Engine::Ours),
+            Effects::Inside => HiddenRobot::inside(&robot, Engine::Ours, self.seed),
+            Effects::Outside => HiddenRobot::outside(&robot, Engine::Ours, self.seed),
+            Effects::Nothing => HiddenRobot::nothing(Engine::Ours),
         };
-        Ok(Walked { robot, ground, hidden, policy, task: start.settings.task })
+        Ok(SimulatedWalk { robot, ground, hidden, policy, task: start.settings.task })
     }
 }
 
-impl Walked {
+impl SimulatedWalk {
     /// What is hidden, as a file.
     pub fn answer(&self) -> String {
         let mut text = String::from("# What is hidden in the robot that walked.\n[parameters]\n");

@@ -3,8 +3,8 @@
 use crate::Failure;
 use crate::output::write_whole;
 use qv_core::Pose;
-use qv_policy::play::Played;
-use qv_replay::{FrameTrace, Recorded, write_traces};
+use qv_policy::play::WalkTrace;
+use qv_replay::{BagRobot, FrameTrace, write_traces};
 
 use qv_rollout::Trace;
 use qv_sim::{BaseKind, Model, ModelOptions};
@@ -21,13 +21,13 @@ const NAME: &str = "policy";
 ///
 /// # Errors
 /// When the URDF is not that of the robot, or a file cannot be written.
-pub fn write_recording(path: &Path, played: &Played, urdf: &str) -> Result<(), Failure> {
+pub fn write_recording(path: &Path, played: &WalkTrace, urdf: &str) -> Result<(), Failure> {
     write_whole(path, &recording(played, urdf)?)?;
     write_whole(&path.with_file_name("robot.urdf"), urdf.as_bytes())
 }
 
 /// The bytes of the recording.
-fn recording(played: &Played, urdf: &str) -> Result<Vec<u8>, Failure> {
+fn recording(played: &WalkTrace, urdf: &str) -> Result<Vec<u8>, Failure> {
     let options = ModelOptions { base: BaseKind::Floating, ..Default::default() };
     let model = Model::from_urdf(urdf, &options)?;
     if model.joint_names() != played.joints {
@@ -37,13 +37,13 @@ fn recording(played: &Played, urdf: &str) -> Result<Vec<u8>, Failure> {
     let (trace, frames) = (trace(played), frames(&model, played));
     let targets: Vec<f64> = wide(&played.targets);
     let commands: Vec<[f64; 3]> = played.commands.iter().map(|c| [c[0], c[1], c[2]].map(f64::from)).collect();
-    let robot = Recorded {
+    let robot = BagRobot {
         targets: &targets,
         commands: &commands,
         feet: &played.feet,
         frames: &frames,
         urdf: Some(urdf),
-        ..Recorded::new(NAME, &played.joints, &trace)
+        ..BagRobot::new(NAME, &played.joints, &trace)
     };
     let mut bytes = Cursor::new(Vec::new());
     write_traces(&[robot], 0, &mut bytes)?;
@@ -54,7 +54,7 @@ fn wide(rows: &[Vec<f32>]) -> Vec<f64> {
     rows.iter().flatten().map(|&x| f64::from(x)).collect()
 }
 
-fn trace(played: &Played) -> Trace {
+fn trace(played: &WalkTrace) -> Trace {
     let base = |q: &Vec<f32>| std::array::from_fn(|k| q.get(k).map_or(f64::NAN, |&x| f64::from(x)));
     Trace {
         time: (1..=played.q.len()).map(|k| k as f64 / f64::from(played.rate)).collect(),
@@ -68,7 +68,7 @@ fn trace(played: &Played) -> Trace {
 }
 
 /// Every link below its parent, then every frame that is fixed to a link, so that all names of the URDF are there.
-fn frames(model: &Model, played: &Played) -> Vec<FrameTrace> {
+fn frames(model: &Model, played: &WalkTrace) -> Vec<FrameTrace> {
     let steps: Vec<Vec<Pose>> = played.q.iter().map(|q| model.world_from_links(&padded(q, model.nq()))).collect();
     let links = model.links.iter().enumerate().map(|(l, link)| {
         let pose = |links: &Vec<Pose>| match link.parent {
@@ -173,7 +173,7 @@ mod tests {
         let (played, urdf) = (made_up(100), qv_go2::model::urdf_with_shapes());
         let bytes = recording(&played, &urdf).unwrap();
         let file = qv_recording::BagFile { name: "replay.mcap".into(), source: &bytes[..] };
-        let run = qv_recording::read_bag_of([file], &qv_recording::robots::told_by_messages(), None).unwrap();
+        let run = qv_recording::read_bag_of([file], &qv_recording::robots::found_by_messages(), None).unwrap();
         assert_eq!(run.robot, qv_recording::run::Robot::Urdf(urdf));
         assert_eq!((run.joint_names.clone(), run.base), (played.joints.clone(), qv_recording::run::Base::Free));
         let (position, target) = (run.measured.position.unwrap(), run.commands.position.unwrap());
@@ -183,7 +183,7 @@ mod tests {
             assert_eq!(target.row(k), wide(&[played.targets[k].clone()]), "sample {k}");
             assert!((position.time[k] - target.time[k] - 0.02).abs() < 1e-9, "a target holds until its sample");
         }
-        assert!(run.told.iter().any(|t| t.states("torques")), "{:?}", run.told);
+        assert!(run.remarks.iter().any(|t| t.states("torques")), "{:?}", run.remarks);
     }
 
     #[test]

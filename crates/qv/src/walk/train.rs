@@ -109,8 +109,8 @@ impl Train {
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
         // Errors of the command line stay on their thread: this one crosses as its text.
-        let told = pool.install(|| self.train(&robot, &ground, settings, kept).map_err(|e| e.to_string()));
-        told.map_err(Failure::from)
+        let remarks = pool.install(|| self.train(&robot, &ground, settings, kept).map_err(|e| e.to_string()));
+        remarks.map_err(Failure::from)
     }
 
     /// The checkpoint to go on from.
@@ -215,7 +215,7 @@ impl Train {
         if let Some(better) = self.better(&file) {
             // It can be taken up again, or put in the place of the other.
             self.save(&last, &self.metrics(kept.as_ref(), &done.lines)?)?;
-            return self.tell_better(&better, &score);
+            return self.report_better(&better, &score);
         }
         let put = |name: &str, bytes: &[u8]| write_whole(&self.out.join(name), bytes);
         put("policy.onnx", &policy.to_onnx(robot)?)?;
@@ -272,7 +272,7 @@ impl Train {
         )
     }
 
-    fn run(&self, training: &mut Training, kept: Option<&Checkpoint>) -> Result<Done, Failure> {
+    fn run(&self, training: &mut Training, kept: Option<&Checkpoint>) -> Result<MetricsLog, Failure> {
         let stop = crate::stop::asked();
         let (clock, total) = (Instant::now(), self.iterations());
         let bar = ProgressBar::new(total);
@@ -281,18 +281,18 @@ impl Train {
         }
         let (mut begun, mut saved, mut is_stopped) = (Instant::now(), Instant::now(), false);
         let mut lines: Vec<Line> = Vec::new();
-        let mut told = String::new();
+        let mut remarks = String::new();
         while training.ppo().iterations < total {
             let before = training.checkpoint().epoch;
             let line = training.advance()?;
             bar.set_position(training.ppo().iterations);
             if let Some(score) = &line.score {
-                told = format!(
+                remarks = format!(
                     "{:.2} m/s {:.2} rad/s off, {} fell",
                     score.velocity_error, score.turning_error, score.fell
                 );
             }
-            bar.set_message(format!("reward {:.3} {told}", line.iteration.reward));
+            bar.set_message(format!("reward {:.3} {remarks}", line.iteration.reward));
             let reached =
                 line.score.as_ref().zip(self.until).is_some_and(|(score, [v, w])| {
                     score.velocity_error < v && score.turning_error < w && score.fell == 0
@@ -317,7 +317,7 @@ impl Train {
             }
         }
         bar.finish_and_clear();
-        Ok(Done { lines, seconds: clock.elapsed().as_secs_f64(), is_stopped })
+        Ok(MetricsLog { lines, seconds: clock.elapsed().as_secs_f64(), is_stopped })
     }
 
     /// Writes where training stands, and what was measured until then, at once.
@@ -353,7 +353,7 @@ impl Train {
         (is_better && rated(&old) == rated(new)).then_some(old)
     }
 
-    fn tell_better(&self, old: &PolicyFile, new: &Score) -> Result<Outcome, Failure> {
+    fn report_better(&self, old: &PolicyFile, new: &Score) -> Result<Outcome, Failure> {
         if self.json {
             let line =
                 serde_json::json!({"format": "qv-walk-train/1", "score": new, "kept": old.score, "out": self.out});
@@ -369,7 +369,7 @@ impl Train {
     }
 }
 
-struct Done {
+struct MetricsLog {
     lines: Vec<Line>,
     seconds: f64,
     /// Whether somebody stopped it.

@@ -7,7 +7,7 @@ use qv_core::Pose;
 use qv_gap::report::Correction;
 use qv_page::escape;
 use qv_policy::onnx::OnnxPolicy;
-use qv_policy::roll::{Description, RollError, Rolled, roll};
+use qv_policy::roll::{Description, RollError, RollTrace, roll};
 use qv_sim::{Batch, Model, SimOptions, Terrain};
 use serde::Serialize;
 use std::fmt::Write;
@@ -23,14 +23,14 @@ const FROM: f64 = 2.0;
 const FALLEN: f64 = 0.5;
 
 /// A policy with what it sees.
-pub struct Tried {
+pub struct TrialPolicy {
     policy: OnnxPolicy,
     description: Description,
 }
 
 /// What a policy did under one command.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Walked {
+pub struct TrialWalk {
     /// Forwards, to the left \[m/s\], turning \[rad/s\].
     pub command: [f64; 3],
     /// When it fell \[s\]; `None` if it did not.
@@ -45,12 +45,12 @@ pub struct Trial {
     /// Name of the policy.
     pub policy: String,
     /// As the model is.
-    pub nominal: Vec<Walked>,
+    pub nominal: Vec<TrialWalk>,
     /// With the corrections of the diagnosis.
-    pub corrected: Vec<Walked>,
+    pub corrected: Vec<TrialWalk>,
 }
 
-impl Tried {
+impl TrialPolicy {
     /// Reads a policy in ONNX and its description.
     ///
     /// # Errors
@@ -71,7 +71,12 @@ impl Tried {
         Ok(Trial { policy: self.description.name.clone(), nominal, corrected })
     }
 
-    fn walks(&mut self, model: &Model, terrain: &Terrain, corrections: &[Correction]) -> Result<Vec<Walked>, Failure> {
+    fn walks(
+        &mut self,
+        model: &Model,
+        terrain: &Terrain,
+        corrections: &[Correction],
+    ) -> Result<Vec<TrialWalk>, Failure> {
         let late = |name: &str| {
             let all = corrections.iter().filter(|c| c.parameter.ends_with(name)).map(|c| c.value);
             all.fold(0.0, f64::max)
@@ -99,7 +104,7 @@ impl Tried {
             all.push(match rolled {
                 Ok(rolled) => walked(command, &rolled),
                 // The numbers of a robot that tumbles may run away.
-                Err(RollError::RanAway { time }) => Walked { command, fell: Some(time), velocity: None },
+                Err(RollError::RanAway { time }) => TrialWalk { command, fell: Some(time), velocity: None },
                 Err(error) => return Err(error.into()),
             });
         }
@@ -107,7 +112,7 @@ impl Tried {
     }
 }
 
-fn walked(command: [f64; 3], rolled: &Rolled) -> Walked {
+fn walked(command: [f64; 3], rolled: &RollTrace) -> TrialWalk {
     let fell = rolled.base.iter().position(|base| upright(base) < FALLEN).map(|k| rolled.time[k]);
     let until = fell.unwrap_or(f64::INFINITY);
     let counted: Vec<usize> =
@@ -129,7 +134,7 @@ fn walked(command: [f64; 3], rolled: &Rolled) -> Walked {
         }
         _ => None,
     };
-    Walked { command, fell, velocity }
+    TrialWalk { command, fell, velocity }
 }
 
 fn heading(base: &[f64; 7]) -> f64 {
@@ -176,7 +181,7 @@ impl Trial {
              <table><tr><th>command (m/s, m/s, rad/s)<th>nominal<th>corrected</tr>",
             escape(&self.sentence())
         );
-        let cell = |w: &Walked| match (w.fell, w.velocity) {
+        let cell = |w: &TrialWalk| match (w.fell, w.velocity) {
             (Some(time), _) => format!("falls at {time:.1} s"),
             (None, Some([x, y, turn])) => format!("{x:.2}, {y:.2}, {turn:.2}"),
             (None, None) => String::new(),
@@ -195,8 +200,8 @@ mod tests {
     use crate::facts::States;
 
     /// A base that goes round a circle to the left, and falls at the end.
-    fn circle(falls: bool) -> Rolled {
-        let mut rolled = Rolled::default();
+    fn circle(falls: bool) -> RollTrace {
+        let mut rolled = RollTrace::default();
         for k in 0..400 {
             let time = 0.02 * f64::from(k);
             let yaw = 0.5 * time;
@@ -220,7 +225,7 @@ mod tests {
 
     #[test]
     fn a_fall_counts_and_its_errors_do_not() {
-        let walked = |fell: Option<f64>| Walked { command: [0.5, 0.0, 0.0], fell, velocity: Some([0.4, 0.0, 0.1]) };
+        let walked = |fell: Option<f64>| TrialWalk { command: [0.5, 0.0, 0.0], fell, velocity: Some([0.4, 0.0, 0.1]) };
         let trial = Trial {
             policy: "trot".into(),
             nominal: vec![walked(None), walked(None)],

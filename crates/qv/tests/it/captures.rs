@@ -192,7 +192,7 @@ fn rgbd_folders_of_three_layouts_are_read() {
     fs::write(scannet.join("intrinsic/intrinsic_depth.txt"), lens(12.0, 5.5, 3.5)).unwrap();
     let mut found = vec![];
     for folder in [&tum, &redwood, &scannet] {
-        // With depth: photographs without any would be told.
+        // With depth: photographs without any would be reported.
         let (code, _, err) = train(folder, None, &["--depth-prior", "1", "--depth-points", "0"]);
         assert_eq!(
             (code, err.lines().filter(|l| !l.contains("terms of geometry")).count()),

@@ -276,7 +276,7 @@ fn a_run_that_is_killed_leaves_a_lock_that_is_taken_over() {
     let (code, _, err) = qv(&["fleet", "run", &fleet]);
     assert_eq!(code, 0, "{err}");
     assert!(starts(&fleet).iter().all(|&n| n == 1));
-    // The plan is made under the same lock, and told of it; here it is left once more.
+    // The plan is made under the same lock, and reported of it; here it is left once more.
     fs::write(Path::new(&fleet).join("lock"), "process 1234567 on nowhere").unwrap();
     let (code, _, err) = qv(&["fleet", "run", &fleet]);
     assert!(code == 0 && err.states("process 1234567"), "{err}");

@@ -46,7 +46,7 @@ fn both_versions_of_a_dataset_are_the_same_numbers() {
         let expected = [0.1, 0.98 * action[0], 0.98 * action[1], action[0], action[1]];
         assert!(cells.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{cells:?} {expected:?}");
         assert_eq!(two.csv.lines().count(), 41);
-        assert!(three.told[0].contains(&format!("episode {episode} of 2")), "{:?}", three.told);
+        assert!(three.remarks[0].contains(&format!("episode {episode} of 2")), "{:?}", three.remarks);
     }
     let error = of_fixture("v3", "[dataset]\nepisode = 7").unwrap_err();
     assert!(error.states("7 1 Parquet"), "{error}");

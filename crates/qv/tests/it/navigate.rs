@@ -95,8 +95,8 @@ fn photographs_are_looked_at_from_where_they_were_taken() {
     let heights: Vec<f64> = serde_json::from_value(line["heights_m"].clone()).unwrap();
     // The eye is 0.12 m above a base at 0.3 m.
     assert!(heights.len() == 4 && heights.iter().all(|h| (h - 0.42).abs() < 0.02), "{heights:?}");
-    let told = &line["agreement"];
-    assert!(told["views"].as_u64() > Some(7) && told["questions"] == json!(12), "{told:#}");
+    let result = &line["agreement"];
+    assert!(result["views"].as_u64() > Some(7) && result["questions"] == json!(12), "{result:#}");
     let page = fs::read_to_string(folder.join("look.html")).unwrap();
     assert!(page.contains("data:image/png;base64,") && page.contains("McNemar"), "pictures and the table");
     // The capture's own frame is not the mesh's: no camera stands over the ground there.
@@ -151,10 +151,13 @@ fn a_student_learns_from_the_teacher_then_from_trials_on_legs_that_walk() {
     let (code, line, err) = qv(&folder, &format!("{train} --params calibrated.toml"));
     assert!(code == 0 && err.states("encoder_latency"), "{err}");
     let metrics: Value = serde_json::from_slice(&fs::read(folder.join("nav/metrics.json")).unwrap()).unwrap();
-    let told = metrics.as_array().unwrap();
-    assert!(told.len() == 3 && line["rounds"] == json!(3) && line["decisions"] == told[2]["frames"], "{metrics:#}");
-    assert!(told[0]["gains"].is_null() && told[2]["gains"]["reward"].is_number(), "{metrics:#}");
-    assert!(told[2]["frames"].as_u64() > told[1]["frames"].as_u64() && told[2]["round"] == json!(3), "{metrics:#}");
+    let result = metrics.as_array().unwrap();
+    assert!(result.len() == 3 && line["rounds"] == json!(3) && line["decisions"] == result[2]["frames"], "{metrics:#}");
+    assert!(result[0]["gains"].is_null() && result[2]["gains"]["reward"].is_number(), "{metrics:#}");
+    assert!(
+        result[2]["frames"].as_u64() > result[1]["frames"].as_u64() && result[2]["round"] == json!(3),
+        "{metrics:#}"
+    );
     let test = |more: &str| {
         let (code, line, err) =
             qv(&folder, &format!("navigate test nav/weights.bin {VIEW} --episodes 3 --out results.json --json{more}"));
@@ -263,10 +266,10 @@ fn what_a_training_cannot_use_is_named() {
 
 /// A process that ends with the test.
 #[cfg(unix)]
-struct Guarded(std::process::Child);
+struct GuardedChild(std::process::Child);
 
 #[cfg(unix)]
-impl Drop for Guarded {
+impl Drop for GuardedChild {
     fn drop(&mut self) {
         let _ = self.0.kill();
     }
@@ -279,7 +282,7 @@ fn stopped(folder: &Path, arguments: &str, signal: &str, is_time: impl Fn(&Path)
     let log = folder.join("stderr");
     let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
     command.current_dir(folder).args(arguments.split(' ')).stderr(fs::File::create(&log).unwrap());
-    let mut child = Guarded(command.spawn().unwrap());
+    let mut child = GuardedChild(command.spawn().unwrap());
     let said = || fs::read_to_string(&log).unwrap();
     let begun = Instant::now();
     while !is_time(folder) {

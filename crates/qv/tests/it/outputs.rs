@@ -74,7 +74,7 @@ fn options_come_from_the_nearest_file_and_what_was_read_is_told() {
     let expected =
         "effects.libary: expected an option of qv effects, found unknown option \"libary\"; nearest: library";
     assert!(code == 2 && err.contains("qv.toml") && err.contains(expected), "{err}");
-    // A value that the option does not take is told by the option, and where it stands is told, too.
+    // A value that the option does not take is given by the option, and where it stands is reported, too.
     fs::write(day.join("qv.toml"), "[fixture]\nseed = \"one\"\n").unwrap();
     let (code, _, err) = qv_in(&day, &["fixture", "--out", "o"]);
     assert!(code == 2 && err.contains("'one' for '--seed <N>'") && err.states("qv.toml --seed=one"), "{err}");

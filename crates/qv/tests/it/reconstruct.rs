@@ -92,7 +92,7 @@ fn a_capture_becomes_a_scene_and_goes_on_from_its_checkpoint() {
         (&line["format"], &line["finished"], &line["iterations"]),
         (&json!("qv-reconstruct/1"), &json!(true), &json!(1000))
     );
-    // COLMAP is not there to check the poses: they stay, and how to ask for it is told.
+    // COLMAP is not there to check the poses: they stay, and how to ask for it is reported.
     assert_eq!((&line["poses"]["taken"], &line["poses"]["given_explain"]), (&json!("capture"), &Value::Null));
     let why = line["poses"]["why"].as_str().unwrap();
     assert!(why.states("--poses"), "{why}");
@@ -104,14 +104,14 @@ fn a_capture_becomes_a_scene_and_goes_on_from_its_checkpoint() {
     for file in ["scene.ply", "checkpoint.qvt", "metrics.json", "previews/00_001000.png"] {
         assert!(folder.join("out").join(file).is_file(), "{file}");
     }
-    let told = |line: &Value| {
+    let remarks = |line: &Value| {
         let file = qv_splat::files::ply::read(&fs::read(folder.join("out/scene.ply")).unwrap()).unwrap();
         let metrics = line["background"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap() as f32);
         let background = file.background.unwrap();
         assert_eq!(metrics.collect::<Vec<_>>(), background);
         background
     };
-    assert_eq!(told(&line), [0.0; 3]);
+    assert_eq!(remarks(&line), [0.0; 3]);
     let more = ["--iterations", "1010", "--resume", "--cap", "60", "--max-seconds", "100"];
     let (code, _, err) = of(&more, &[]);
     assert!(code == 1 && err.states("made") && err.contains("--background"), "{err}");
@@ -119,7 +119,7 @@ fn a_capture_becomes_a_scene_and_goes_on_from_its_checkpoint() {
     assert_eq!((code, &line["iterations"]), (0, &json!(1010)), "{err}");
     let (code, line, err) = of(&["--max-seconds", "0"], &[]);
     assert_eq!((code, &line["iterations"], &line["finished"]), (0, &json!(1), &json!(false)), "{err}");
-    let mean = told(&line);
+    let mean = remarks(&line);
     assert!(mean.iter().all(|c| (0.02..0.9).contains(c)), "{mean:?}");
 }
 
@@ -171,18 +171,18 @@ fn bad_captures_are_named() {
 #[test]
 fn stages_are_told_where_there_is_no_terminal_unless_it_is_to_be_quiet() {
     let folder = capture("reconstruct_told", 6);
-    let told = |more: &[&str]| {
+    let remarks = |more: &[&str]| {
         let (code, _, err) = reconstruct(&folder, &[&["--iterations", "60", "--hold-out", "3"], more].concat());
         assert_eq!(code, 0, "{err}");
         err
     };
-    let normal = told(&[]);
+    let normal = remarks(&[]);
     let lines: Vec<&str> = normal.lines().filter(|l| l.contains(" of 3: ")).collect();
     assert_eq!(lines.len(), 3, "{normal}");
     assert!(lines[1].starts_with("qv: 2 of 3: training, 2 % done"), "{normal}");
     assert!(lines[2].states("scores 95"), "{normal}");
-    assert!(told(&["--verbose"]).lines().any(|l| l.starts_with("qv: 2 of 3: training took ")));
-    assert_eq!(told(&["-q"]), "");
+    assert!(remarks(&["--verbose"]).lines().any(|l| l.starts_with("qv: 2 of 3: training took ")));
+    assert_eq!(remarks(&["-q"]), "");
 }
 
 #[test]
@@ -238,7 +238,7 @@ fn an_antialiased_scene_tells_it_and_goes_on_only_as_one() {
     assert_eq!((code, &line["antialias"], &line["aside"]), (0, &json!(true), &Value::Null), "{err}");
     assert!(line["mean"]["psnr"].as_f64().unwrap() > 15.0, "{line}");
     let file = qv_splat::files::ply::read(&fs::read(folder.join("out/scene.ply")).unwrap()).unwrap();
-    assert!(file.antialias && file.told.iter().any(|what| what.contains("filter_3D")), "{:?}", file.told);
+    assert!(file.antialias && file.remarks.iter().any(|what| what.contains("filter_3D")), "{:?}", file.remarks);
     let (code, _, err) = reconstruct(&folder, &["--iterations", "310", "--resume", "--background", "black"]);
     assert!(code == 1 && err.states("--antialias"), "{err}");
 }

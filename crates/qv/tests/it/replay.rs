@@ -147,8 +147,11 @@ fn a_latency_is_seen_and_its_parameter_takes_it_away() {
     assert!(code == 1 && err.contains("calibrated.toml") && err.contains("contact.friction"), "{err}");
     fs::write(&parameters, "\"contact.friction_drop\" = 2\n").unwrap();
     let (code, with, err) = replay(&path, &out, &["--params", parameters.to_str().unwrap()]);
-    let told = with["told"].as_array().unwrap().iter().filter_map(Value::as_str);
-    assert!(code == 0 && told.clone().any(|t| t.states("friction_drop 2") && t.states("0.8 0 0.8")), "{err} {with:#}");
+    let remarks = with["remarks"].as_array().unwrap().iter().filter_map(Value::as_str);
+    assert!(
+        code == 0 && remarks.clone().any(|t| t.states("friction_drop 2") && t.states("0.8 0 0.8")),
+        "{err} {with:#}"
+    );
 }
 
 #[test]

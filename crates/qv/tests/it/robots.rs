@@ -57,7 +57,7 @@ fn a_table_may_name_an_mjcf_and_is_replayed_with_it() {
         let mut arguments = vec!["replay", folder.to_str().unwrap(), "--json", "--out", out.to_str().unwrap()];
         arguments.extend(robot.iter().flat_map(|r| ["--robot", r]));
         let (code, said, err) = qv(&arguments);
-        // The crate that the file has beside the robot is left out, which is told.
+        // The crate that the file has beside the robot is left out, which is reported.
         assert_eq!(code, 3, "{said}{err}");
         assert!(err.states("`crate`"), "{err}");
         let report: serde_json::Value = serde_json::from_str(&said).unwrap();

@@ -2,7 +2,7 @@
 
 use crate::bags::*;
 use crate::facts::States;
-use crate::footage::{Hidden, Truth, mounting, recording};
+use crate::footage::{HiddenError, Truth, mounting, recording};
 use glam::{DQuat, DVec3};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use qv_camera::path::Path as Way;
@@ -230,6 +230,6 @@ fn a_recording_of_the_fixture_has_what_a_truth_has() {
         images: vec![(0.5, vec![[7, 7, 7, 255]; 160 * 120])],
         cloud: dots(),
     };
-    let made = recording(&truth, Hidden::Delay(0.05), 1);
+    let made = recording(&truth, HiddenError::Delay(0.05), 1);
     assert_eq!((made.photographs[0].time, made.poses.len()), (0.55, 51));
 }

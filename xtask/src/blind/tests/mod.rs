@@ -32,13 +32,13 @@ fn answers() -> Answers {
 }
 
 /// An accused effect: its name, its parameters, its scope.
-type Accused<'a> = (&'a str, &'a [(&'a str, f64)], &'a str);
+type NamedEffect<'a> = (&'a str, &'a [(&'a str, f64)], &'a str);
 
 /// A report that accuses effects.
-fn report(verdict: &str, causes: &[Accused], unknown: f64) -> Value {
+fn report(verdict: &str, causes: &[NamedEffect], unknown: f64) -> Value {
     let parameter =
         |(name, value): &(&str, f64)| json!({"name": name, "value": value, "ci95": [value - 0.05, value + 0.05]});
-    let cause = |(effect, parameters, scope): &Accused| {
+    let cause = |(effect, parameters, scope): &NamedEffect| {
         let parameters: Vec<Value> = parameters.iter().map(parameter).collect();
         json!({"effect": effect, "probability": 0.8, "scope": [scope], "parameters": parameters})
     };
@@ -87,8 +87,8 @@ fn value(figures: &Figures, name: &str) -> Option<f64> {
     figure.unwrap_or_else(|| panic!("{name} is not among the figures")).value
 }
 
-const WEAK: Accused = ("motor_strength", &[("strength", 0.73)], "FL");
-const SLICK: Accused = ("ground_friction", &[("friction", 0.24)], "patch");
+const WEAK: NamedEffect = ("motor_strength", &[("strength", 0.73)], "FL");
+const SLICK: NamedEffect = ("ground_friction", &[("friction", 0.24)], "patch");
 
 fn perfect(folder: &Folder) {
     folder.put("none", "report.json", &report("no_gap", &[], 0.0));
@@ -156,8 +156,8 @@ fn a_perfect_diagnosis_meets_the_goals() {
 #[test]
 fn a_wrong_diagnosis_is_told_as_such() {
     let folder = Folder::new("wrong");
-    let relative: Accused = ("external_force", &[], "base");
-    let kp: Accused = ("motor_gain_kp", &[("kp_scale", 0.7)], "all");
+    let relative: NamedEffect = ("external_force", &[], "base");
+    let kp: NamedEffect = ("motor_gain_kp", &[("kp_scale", 0.7)], "all");
     for name in ["none", "pair", "slick", "weak", "tether"] {
         folder.put(name, "report.json", &report("explained", &[if name == "tether" { relative } else { kp }], 0.0));
     }
@@ -222,9 +222,9 @@ fn missing_and_malformed_reports_are_failures() {
 fn sizes_that_are_missing_or_far_count_in_full() {
     let folder = Folder::new("sizes");
     perfect(&folder);
-    let other: Accused = ("motor_strength", &[("kd", 1.0), ("kp", 1.0)], "all");
+    let other: NamedEffect = ("motor_strength", &[("kd", 1.0), ("kp", 1.0)], "all");
     folder.put("weak", "report.json", &report("explained", &[other], 0.1));
-    let far: Accused = ("ground_friction", &[("contact.friction", 0.7)], "nowhere");
+    let far: NamedEffect = ("ground_friction", &[("contact.friction", 0.7)], "nowhere");
     let mut off = report("explained", &[far], 0.1);
     off["where"]["regions"] = json!([]);
     off["gap"]["closed_in_fit"] = json!(0.5);
@@ -248,7 +248,7 @@ fn sizes_that_are_missing_or_far_count_in_full() {
 fn estimates_of_each_joint_count_together() {
     let folder = Folder::new("joints");
     perfect(&folder);
-    let each: Accused = ("motor_strength", &[("actuator.a.strength", 0.7), ("actuator.b.strength", 1.0)], "FL");
+    let each: NamedEffect = ("motor_strength", &[("actuator.a.strength", 0.7), ("actuator.b.strength", 1.0)], "FL");
     folder.put("weak", "report.json", &report("explained", &[each], 0.1));
     let figures = figures(&folder.0);
     let weak = figures.recordings.iter().find(|s| s.name == "weak").unwrap();
@@ -302,7 +302,7 @@ fn rivals_answer_for_an_arm_in_the_form_that_is_scored() {
     assert!(found.values().all(|rival| rival.closed.is_some_and(|closed| closed > 0.9)), "{found:?}");
 }
 
-/// The golden "blind" says of each recording what is there, and another word or size is told.
+/// The golden "blind" says of each recording what is there, and another word or size is reported.
 #[test]
 fn the_golden_names_what_is_there_and_tells_what_moved() {
     let root = crate::workspace::Workspace::load().unwrap().workspace_root;

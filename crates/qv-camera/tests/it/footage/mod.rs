@@ -28,7 +28,7 @@ pub struct Truth {
 
 /// What is hidden in a recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Hidden {
+pub enum HiddenError {
     Nothing,
     /// Stops.
     Exposure(f64),
@@ -42,7 +42,7 @@ pub enum Hidden {
     Blur(f64),
 }
 
-impl Hidden {
+impl HiddenError {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Nothing => "none",
@@ -86,12 +86,12 @@ impl Recording {
 }
 
 /// The recording of a truth with something hidden. Poses come at 50 Hz with noise of 2 mm and 1 mrad.
-pub fn recording(truth: &Truth, hidden: Hidden, seed: u64) -> Recording {
+pub fn recording(truth: &Truth, hidden: HiddenError, seed: u64) -> Recording {
     recording_of_all(truth, &[hidden], seed)
 }
 
 /// The same with several things hidden at once.
-pub fn recording_of_all(truth: &Truth, hidden: &[Hidden], seed: u64) -> Recording {
+pub fn recording_of_all(truth: &Truth, hidden: &[HiddenError], seed: u64) -> Recording {
     let mut random = Random::new(seed, 77);
     let mut rig = Rig {
         intrinsics: truth.intrinsics,
@@ -103,9 +103,9 @@ pub fn recording_of_all(truth: &Truth, hidden: &[Hidden], seed: u64) -> Recordin
     let mut late = 0.0;
     for one in hidden {
         match one {
-            Hidden::Delay(delay) => late = *delay,
-            Hidden::Extrinsics(twist) => rig.base_from_camera = rig.base_from_camera * pose_of(twist),
-            Hidden::Focal(scale) => {
+            HiddenError::Delay(delay) => late = *delay,
+            HiddenError::Extrinsics(twist) => rig.base_from_camera = rig.base_from_camera * pose_of(twist),
+            HiddenError::Focal(scale) => {
                 rig.intrinsics.fx /= scale;
                 rig.intrinsics.fy /= scale;
             }
@@ -128,10 +128,10 @@ pub fn recording_of_all(truth: &Truth, hidden: &[Hidden], seed: u64) -> Recordin
     Recording { rig, poses: JointSeries::new(time, values, 7).unwrap(), photographs: photographs.collect() }
 }
 
-fn developed(rgba: &[[u8; 4]], [width, height]: [usize; 2], hidden: Hidden) -> Vec<[u8; 4]> {
+fn developed(rgba: &[[u8; 4]], [width, height]: [usize; 2], hidden: HiddenError) -> Vec<[u8; 4]> {
     match hidden {
         // In light, by the curve of sRGB, and cut off where the sensor is full.
-        Hidden::Exposure(stops) => {
+        HiddenError::Exposure(stops) => {
             let one = |c: u8| {
                 let v = f64::from(c) / 255.0;
                 let light = if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };
@@ -141,7 +141,7 @@ fn developed(rgba: &[[u8; 4]], [width, height]: [usize; 2], hidden: Hidden) -> V
             };
             rgba.iter().map(|p| [one(p[0]), one(p[1]), one(p[2]), p[3]]).collect()
         }
-        Hidden::Blur(deviation) => blurred(rgba, width, height, deviation),
+        HiddenError::Blur(deviation) => blurred(rgba, width, height, deviation),
         _ => rgba.to_vec(),
     }
 }
@@ -267,19 +267,19 @@ pub fn through(times: Vec<f64>, poses: Vec<Pose>) -> Box<dyn Fn(f64) -> Pose + S
 }
 
 /// How far a diagnosis is from what was hidden: delay \[s\], angle \[rad\], stops, focal length (share), blur (px).
-pub fn error(hidden: Hidden, cause: &qv_gap::report::Cause) -> f64 {
+pub fn error(hidden: HiddenError, cause: &qv_gap::report::Cause) -> f64 {
     let value = |name: &str| cause.parameters.iter().find(|p| p.name == name).map_or(f64::NAN, |p| p.value);
     match hidden {
-        Hidden::Nothing => 0.0,
-        Hidden::Exposure(stops) => (value("stops") - stops).abs(),
-        Hidden::Delay(delay) => (value("delay") - delay).abs(),
-        Hidden::Extrinsics(twist) => {
+        HiddenError::Nothing => 0.0,
+        HiddenError::Exposure(stops) => (value("stops") - stops).abs(),
+        HiddenError::Delay(delay) => (value("delay") - delay).abs(),
+        HiddenError::Extrinsics(twist) => {
             let found =
                 DQuat::from_scaled_axis(DVec3::new(value("rotation_x"), value("rotation_y"), value("rotation_z")));
             let truth = pose_of(&twist).rotation;
             found.angle_between(truth)
         }
-        Hidden::Focal(scale) => (value("focal_scale") / scale - 1.0).abs(),
-        Hidden::Blur(deviation) => (value("blur") - deviation).abs(),
+        HiddenError::Focal(scale) => (value("focal_scale") / scale - 1.0).abs(),
+        HiddenError::Blur(deviation) => (value("blur") - deviation).abs(),
     }
 }

@@ -1,7 +1,7 @@
 //! Bars: how far the gap closes, shares, the ranking.
 
 use super::words::{escape, fixed, percent, significant, words};
-use crate::report::{Cause, Gap, JointShare, Ranked, Report, Share, Verdict};
+use crate::report::{Cause, Gap, JointShare, RankedEffect, Report, Share, Verdict};
 use qv_page::parts::{Bars, card, titled_card, track, track_with_interval};
 use std::fmt::Write;
 
@@ -67,7 +67,7 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool, mostly: f64) -> String 
     )
 }
 
-/// Difference of the two falls from which on a reader needs to be told why.
+/// Difference of the two falls from which on a reader needs to be reported why.
 const CONTRADICTS: f64 = 0.15;
 
 /// Share by which a mean square falls; negative where it rises.
@@ -141,7 +141,7 @@ pub(super) fn joints(joints: &[JointShare]) -> String {
 }
 
 /// All that was considered, best first, as far as it is worth reading; empty without any.
-pub(super) fn ranking(ranking: &[Ranked], causes: &[Cause]) -> String {
+pub(super) fn ranking(ranking: &[RankedEffect], causes: &[Cause]) -> String {
     if ranking.is_empty() {
         return String::new();
     }

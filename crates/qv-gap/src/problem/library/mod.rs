@@ -76,7 +76,7 @@ pub enum LevelsOf {
 pub struct Axis {
     /// Name in reports.
     pub name: String,
-    /// Unit of its parameter where that is not the effect's: values are searched in the effect's unit, and told as those of the parameter.
+    /// Unit of its parameter where that is not the effect's: values are searched in the effect's unit, and reported as those of the parameter.
     pub unit: Option<String>,
     /// Parameters that it moves, with the factor from the axis' value to each.
     pub moves: BTreeMap<String, f64>,
@@ -125,7 +125,7 @@ pub struct Effect {
     /// Share of a value by which other engines put it off (one standard deviation); part of its interval.
     #[serde(default = "engine_error")]
     pub engine_error: f64,
-    /// What would tell it from its likes.
+    /// What would distinguish it from its likes.
     #[serde(default)]
     pub experiment: String,
     /// Directions that belong together.
@@ -176,7 +176,7 @@ pub fn built_in() -> Vec<Effect> {
     parse(BUILT_IN, "effects.toml").expect("tested")
 }
 
-/// Reads effects from the text of a TOML file; `name` is told in errors.
+/// Reads effects from the text of a TOML file; `name` is reported in errors.
 ///
 /// # Errors
 /// When the text is not of this form, or an effect cannot be used.
@@ -262,7 +262,7 @@ mod tests {
         let good = "[[effect]]\nname = 'wind'\ninterface = 'contact'\nscope = 'world'\nunit = 'N'\nrange = [0, 9]\n\
             tolerance = 0.1\nlevels = [1]\n[[effect.axis]]\nname = 'x'\nmoves = { 'external.force_x' = 1.0 }\n";
         assert_eq!(parse(good, "mine.toml").unwrap()[0].name, "wind");
-        for (from, to, told) in [
+        for (from, to, remarks) in [
             ("[0, 9]", "[9, 0]", "rising"),
             ("unit = 'N'\n", "unit = 'N'\nheld_range = [1, 1]\n", "rising"),
             ("levels = [1]", "levels = [0]", "not 0"),
@@ -274,7 +274,7 @@ mod tests {
             ("unit = 'N'\n", "unit = 'N'\nlog_prior = 1\n", "at most 0"),
         ] {
             let error = parse(&good.replace(from, to), "mine.toml").unwrap_err().to_string();
-            assert!(error.contains(told) && error.contains("mine.toml"), "{error}");
+            assert!(error.contains(remarks) && error.contains("mine.toml"), "{error}");
         }
     }
 }

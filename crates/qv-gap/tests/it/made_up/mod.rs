@@ -55,7 +55,7 @@ pub fn empty() -> Report {
         rounds: Vec::new(),
         visual: None,
         torque_balance: None,
-        unexplained: Unexplained::default(),
+        unexplained: Remainder::default(),
         cannot_tell: Vec::new(),
         next: Vec::new(),
         corrections: Vec::new(),
@@ -97,7 +97,7 @@ pub fn report() -> Report {
         ranking: ranking(),
         visual: None,
         torque_balance: None,
-        unexplained: Unexplained {
+        unexplained: Remainder {
             share: 0.091,
             depends_on: vec![
                 Factor { factor: "load on the leg, |tau| of calf joints".into(), r2_heldout: 0.31 },
@@ -193,7 +193,7 @@ fn causes() -> Vec<Cause> {
     vec![lag, patch]
 }
 
-fn ranking() -> Vec<Ranked> {
+fn ranking() -> Vec<RankedEffect> {
     [
         ("actuator_lag", 0.962),
         ("ground_friction", 0.884),
@@ -207,7 +207,7 @@ fn ranking() -> Vec<Ranked> {
         ("backlash", 0.0001),
     ]
     .into_iter()
-    .map(|(effect, probability)| Ranked { effect: effect.into(), probability })
+    .map(|(effect, probability)| RankedEffect { effect: effect.into(), probability })
     .collect()
 }
 

@@ -44,7 +44,7 @@ pub struct Figures {
 }
 
 /// A training that is over.
-pub struct Trained {
+pub struct TrainingRun {
     /// The best policy of it.
     pub policy: Policy,
     /// Score of that policy.
@@ -56,13 +56,13 @@ pub struct Trained {
 }
 
 /// The training that several tests look at, done once.
-pub fn trained() -> &'static Trained {
-    static TRAINED: std::sync::OnceLock<Trained> = std::sync::OnceLock::new();
+pub fn trained() -> &'static TrainingRun {
+    static TRAINED: std::sync::OnceLock<TrainingRun> = std::sync::OnceLock::new();
     TRAINED.get_or_init(|| train(&settings(), ITERATIONS))
 }
 
 /// Trains from nothing, on all threads there are.
-pub fn train(settings: &TrainSettings, iterations: u64) -> Trained {
+pub fn train(settings: &TrainSettings, iterations: u64) -> TrainingRun {
     let robot = qv_go2::walk::robot().expect("the Go2 is a robot");
     let mut training = Training::new(&robot, &Ground::plane(), settings).expect("the settings mean something");
     let untrained = training.judge_now().expect("a score of finite numbers");
@@ -78,7 +78,7 @@ pub fn train(settings: &TrainSettings, iterations: u64) -> Trained {
         swing_height: score.swing_height,
         reward: last.iter().sum::<f32>() / last.len() as f32,
     };
-    Trained { policy, score, untrained, figures }
+    TrainingRun { policy, score, untrained, figures }
 }
 
 /// How far each figure may be off. Five more trainings, whose standard deviation of actions began 1e-6 to 5e-6 higher, differed by up to 0.121,

@@ -40,7 +40,7 @@ impl Parameters {
 }
 
 /// A Gaussian as a camera sees it.
-struct Seen {
+struct ReferenceGaussian {
     index: usize,
     mean: DVec2,
     inverse: DMat2,
@@ -53,10 +53,10 @@ struct Seen {
 pub type Pixel = Vec<f64>;
 
 /// For each pixel the Gaussians that it takes, near to far.
-pub type Taken = Vec<Vec<usize>>;
+pub type PixelOrder = Vec<Vec<usize>>;
 
 pub struct Dense {
-    pub taken: Taken,
+    pub taken: PixelOrder,
     /// Whether a decision of a pixel is so close that single precision may take it otherwise.
     pub close: Vec<bool>,
 }
@@ -91,7 +91,7 @@ fn basis(degree: u8, d: DVec3) -> Vec<f64> {
     out
 }
 
-fn see(p: &Parameters, i: usize, camera: &Camera) -> Option<Seen> {
+fn see(p: &Parameters, i: usize, camera: &Camera) -> Option<ReferenceGaussian> {
     let v = &p.values[i * p.stride()..(i + 1) * p.stride()];
     let mean = DVec3::new(v[0], v[1], v[2]);
     let centre = camera.camera_from_world.transform_point(mean);
@@ -134,7 +134,7 @@ fn see(p: &Parameters, i: usize, camera: &Camera) -> Option<Seen> {
     numbers.extend(normal.to_array());
     numbers.push(-normal.dot(centre));
     numbers.extend(&v[p.stride() - p.features..]);
-    Some(Seen {
+    Some(ReferenceGaussian {
         index: i,
         mean: DVec2::new(camera.fx * centre.x / centre.z + camera.cx, camera.fy * centre.y / centre.z + camera.cy),
         inverse: covariance.inverse(),
@@ -143,13 +143,13 @@ fn see(p: &Parameters, i: usize, camera: &Camera) -> Option<Seen> {
     })
 }
 
-fn alpha(seen: &Seen, pixel: DVec2) -> f64 {
+fn alpha(seen: &ReferenceGaussian, pixel: DVec2) -> f64 {
     let d = pixel - seen.mean;
     (seen.opacity * (-0.5 * d.dot(seen.inverse * d)).exp()).min(0.999)
 }
 
-fn seen_in_order(p: &Parameters, camera: &Camera) -> Vec<Seen> {
-    let mut seen: Vec<Seen> = (0..p.count).filter_map(|i| see(p, i, camera)).collect();
+fn seen_in_order(p: &Parameters, camera: &Camera) -> Vec<ReferenceGaussian> {
+    let mut seen: Vec<ReferenceGaussian> = (0..p.count).filter_map(|i| see(p, i, camera)).collect();
     seen.sort_by(|a, b| a.numbers[3].total_cmp(&b.numbers[3]));
     seen
 }
@@ -186,7 +186,7 @@ pub fn decide(p: &Parameters, camera: &Camera) -> Dense {
 }
 
 /// Sums of every pixel, given which Gaussians it takes: colour, depth, normal, distance, features, transmittance.
-pub fn sums(p: &Parameters, camera: &Camera, taken: &Taken) -> Vec<Pixel> {
+pub fn sums(p: &Parameters, camera: &Camera, taken: &PixelOrder) -> Vec<Pixel> {
     let mut place = vec![None; p.count];
     let seen = seen_in_order(p, camera);
     for (k, gaussian) in seen.iter().enumerate() {

@@ -39,8 +39,8 @@ pub struct GpuEngine<'a> {
     photographs: Vec<wgpu::Buffer>,
     cameras: GpuCameras,
     step: wgpu::Buffer,
-    /// What the steps of a submission are told, one after the other.
-    told: wgpu::Buffer,
+    /// What the steps of a submission are reported, one after the other.
+    remarks: wgpu::Buffer,
     /// Steps that were recorded and not submitted.
     recorded: Vec<wgpu::CommandBuffer>,
     maps: wgpu::Buffer,
@@ -56,7 +56,7 @@ pub struct GpuEngine<'a> {
     /// Opacity logits while a step leaves some Gaussians out; none when that is not asked for.
     logits: Option<wgpu::Buffer>,
     /// Log scales and logits as they are learned and the filter's squared deviations while a step draws filtered ones, and the cameras that
-    /// tell the filter; none without anti-aliasing.
+    /// show the filter; none without anti-aliasing.
     filter: Option<(wgpu::Buffer, wgpu::Buffer, GpuCameras)>,
     /// Plane depths of each photograph as they were last drawn; none when no term asks for them.
     plane_depths: Vec<wgpu::Buffer>,
@@ -88,7 +88,7 @@ impl Default for GpuTraining {
     }
 }
 
-/// Bytes that a step is told.
+/// Bytes that a step is reported.
 const WORDS: u64 = size_of::<StepWords>() as u64;
 /// Steps that are submitted at once: a submission costs the card a pause.
 const AT_ONCE: usize = 8;
@@ -150,7 +150,7 @@ impl<'a> GpuEngine<'a> {
             partners: multi_view::partners(&cameras_as_given, dataset.extent),
             cameras: cameras(&rasteriser, dataset, &model)?,
             step: gpu.buffer("step", WORDS)?,
-            told: gpu.buffer("told", WORDS * AT_ONCE as u64)?,
+            remarks: gpu.buffer("remarks", WORDS * AT_ONCE as u64)?,
             recorded: vec![],
             maps: gpu.buffer("maps", 36 * pixels)?,
             sums: gpu.buffer("sums", 64 * groups)?,
@@ -386,9 +386,9 @@ impl<'a> GpuEngine<'a> {
         let gpu = &self.rasteriser.gpu;
         // What is written goes before all that is submitted later, so each step of a submission has a place of its own.
         let place = WORDS * self.recorded.len() as u64;
-        gpu.queue.write_buffer(&self.told, place, bytemuck::bytes_of(&words));
+        gpu.queue.write_buffer(&self.remarks, place, bytemuck::bytes_of(&words));
         let mut recorder = Recorder::new(gpu, self.how.timed);
-        recorder.encoder.copy_buffer_to_buffer(&self.told, place, &self.step, 0, WORDS);
+        recorder.encoder.copy_buffer_to_buffer(&self.remarks, place, &self.step, 0, WORDS);
         self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
         self.record_filter("widen", &words, &mut recorder)?;
         self.record_drop("leave_out", &words, &mut recorder)?;

@@ -2,7 +2,7 @@
 
 use super::super::exposure::Exposure;
 use super::super::model::Model;
-use super::super::shared::Shared;
+use super::super::shared::SharedAppearance;
 use crate::SplatError;
 use qv_core::Pose;
 use qv_raster::gpu::{Gpu, GpuCloud};
@@ -167,7 +167,7 @@ impl Store {
     }
 }
 
-fn floats_of(one: &Shared) -> [f32; 48] {
+fn floats_of(one: &SharedAppearance) -> [f32; 48] {
     let mut out = [0.0; 48];
     out[..12].copy_from_slice(&one.first);
     out[12..24].copy_from_slice(&one.second);
@@ -181,9 +181,9 @@ fn floats_of(one: &Shared) -> [f32; 48] {
     out
 }
 
-fn shared_of(floats: &[f32; 48], seen: u32) -> Shared {
+fn shared_of(floats: &[f32; 48], seen: u32) -> SharedAppearance {
     let row = |k: usize| [0, 1, 2, 3].map(|i| floats[32 + 4 * k + i]);
-    Shared {
+    SharedAppearance {
         lens: [floats[24], floats[25], floats[26]],
         vignetting: [floats[27], floats[28], floats[29]],
         motion: pose_of(&[row(0), row(1), row(2)]),

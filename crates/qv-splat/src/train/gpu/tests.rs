@@ -95,7 +95,7 @@ mod against_the_cpu {
                 }
                 cpu.step(1).unwrap();
                 gpu.step(1).unwrap();
-                // The card tells the photometric loss alone.
+                // The card shows the photometric loss alone.
                 let (loss, found) = (cpu.loss().unwrap(), gpu.loss().unwrap());
                 assert!(found < loss && found > 0.1 * loss, "{loss} {found}");
                 let (a, b) = (cpu.model().unwrap(), gpu.model().unwrap());

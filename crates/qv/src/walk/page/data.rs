@@ -1,6 +1,6 @@
 //! The numbers that the moving view draws, rounded to what a screen shows.
 
-use qv_policy::play::Played;
+use qv_policy::play::WalkTrace;
 use serde_json::{Value, json};
 
 /// A number with some digits; what is not finite is a gap.
@@ -24,7 +24,7 @@ fn places(rows: &[Vec<[f32; 3]>]) -> Value {
 }
 
 /// All that the view draws.
-pub fn data(played: &Played) -> Value {
+pub fn data(played: &WalkTrace) -> Value {
     let three = |rows: &[[f32; 3]], digits: i32| -> Vec<Value> {
         (0..3).map(|k| rounded(rows.iter().map(|row| row[k]), digits)).collect()
     };

@@ -1,7 +1,7 @@
 //! Eight poses side by side, for print: one stride, or the fall.
 
 use super::measures::mean;
-use qv_policy::play::Played;
+use qv_policy::play::WalkTrace;
 use std::fmt::Write;
 
 const POSES: usize = 8;
@@ -11,7 +11,7 @@ const CELL: [f32; 2] = [130.0, 118.0];
 const VIEW: [f32; 2] = [0.45, 0.2];
 
 /// What it shows in words, and the drawing; `None` of a play without decisions.
-pub fn film(played: &Played) -> Option<(String, String)> {
+pub fn film(played: &WalkTrace) -> Option<(String, String)> {
     let (what, steps) = chosen(played)?;
     let scale = 0.46 * CELL[0] / reach(played, &steps).max(1e-6);
     let (width, height) = (CELL[0] * POSES as f32, CELL[1]);
@@ -38,7 +38,7 @@ pub fn film(played: &Played) -> Option<(String, String)> {
 
 /// The last moments before a fall, else one stride (from touchdown to touchdown of the first foot) in the middle of the
 /// command that asks for the longest way, else the whole play.
-fn chosen(played: &Played) -> Option<(String, Vec<usize>)> {
+fn chosen(played: &WalkTrace) -> Option<(String, Vec<usize>)> {
     let last = played.q.len().checked_sub(1)?;
     let spread = |from: usize, to: f32| -> Vec<usize> {
         (0..POSES).map(|k| (from + (to * k as f32 / (POSES - 1) as f32).round() as usize).min(last)).collect()
@@ -76,7 +76,7 @@ fn seen([x, y, z]: [f32; 3], scale: f32) -> [f32; 2] {
 }
 
 /// Longest way to the left or right of a link or foot from the base, so that all poses fit.
-fn reach(played: &Played, steps: &[usize]) -> f32 {
+fn reach(played: &WalkTrace, steps: &[usize]) -> f32 {
     let all = steps.iter().flat_map(|&step| {
         let pose = Pose::new(played, step);
         pose.links.into_iter().chain(pose.feet).map(|p| seen(p, 1.0)[0].abs())
@@ -94,7 +94,7 @@ struct Pose {
 }
 
 impl Pose {
-    fn new(played: &Played, step: usize) -> Self {
+    fn new(played: &WalkTrace, step: usize) -> Self {
         let q = &played.q[step];
         let [w, x, y, z] = [q[3], q[4], q[5], q[6]];
         let (s, c) = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)).sin_cos();
@@ -118,7 +118,7 @@ impl Pose {
     }
 
     /// Limbs from the far side to the near one, the trunk between them.
-    fn drawn(&self, played: &Played, step: usize, place: &dyn Fn([f32; 3]) -> [f32; 2]) -> String {
+    fn drawn(&self, played: &WalkTrace, step: usize, place: &dyn Fn([f32; 3]) -> [f32; 2]) -> String {
         let parent = |l: usize| played.parents[l].unwrap_or(0);
         let limbs = (1..self.links.len()).filter(|&l| parent(l) != 0).map(|l| (self.links[parent(l)], self.links[l]));
         let shanks = self.feet.iter().zip(&played.foot_links).map(|(p, &l)| (self.links[l], *p));
@@ -150,7 +150,7 @@ impl Pose {
     }
 
     /// A box over the joints at the base, as thick as a fifth of its length: its sides, then its top.
-    fn trunk(&self, played: &Played, place: &dyn Fn([f32; 3]) -> [f32; 2]) -> String {
+    fn trunk(&self, played: &WalkTrace, place: &dyn Fn([f32; 3]) -> [f32; 2]) -> String {
         let mut corners: Vec<[f32; 3]> =
             (1..self.links.len()).filter(|&l| played.parents[l] == Some(0)).map(|l| self.links[l]).collect();
         corners.sort_by(|a, b| a[1].atan2(a[0]).total_cmp(&b[1].atan2(b[0])));

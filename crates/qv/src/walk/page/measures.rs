@@ -1,7 +1,7 @@
 //! What a play says about a gait, in numbers.
 
 use qv_core::GRAVITY;
-use qv_policy::play::Played;
+use qv_policy::play::WalkTrace;
 use qv_policy::velocity::Noise;
 
 /// One swing of a foot.
@@ -72,7 +72,7 @@ pub struct Measures {
 }
 
 impl Measures {
-    pub fn new(played: &Played) -> Self {
+    pub fn new(played: &WalkTrace) -> Self {
         let stretches = stretches(played);
         Self {
             feet: (0..played.feet.len()).map(|foot| of_foot(played, foot)).collect(),
@@ -107,7 +107,7 @@ pub fn ends(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
     values.fold(None, |ends: Option<[f32; 2]>, x| Some(ends.map_or([x, x], |[low, high]| [low.min(x), high.max(x)])))
 }
 
-fn of_foot(played: &Played, foot: usize) -> Foot {
+fn of_foot(played: &WalkTrace, foot: usize) -> Foot {
     let on = |step: usize| played.foot_forces[step][foot] > 0.0;
     let moves = |step: usize| played.commands[step] != [0.0; 3];
     let (mut swings, mut since) = (Vec::new(), None);
@@ -128,7 +128,7 @@ fn of_foot(played: &Played, foot: usize) -> Foot {
     Foot { swings, duty: mean(moving.map(|step| f32::from(u8::from(on(step))))), force }
 }
 
-fn of_joint(played: &Played, joint: usize) -> Joint {
+fn of_joint(played: &WalkTrace, joint: usize) -> Joint {
     let torque: Vec<f32> = played.torques.iter().map(|t| t[joint]).collect();
     let mut sizes: Vec<f32> = torque.iter().map(|t| t.abs()).collect();
     sizes.sort_by(f32::total_cmp);
@@ -141,7 +141,7 @@ fn of_joint(played: &Played, joint: usize) -> Joint {
     }
 }
 
-fn stretches(played: &Played) -> Vec<Stretch> {
+fn stretches(played: &WalkTrace) -> Vec<Stretch> {
     let (mut out, mut begin) = (Vec::new(), 0);
     for chunk in played.commands.chunk_by(|a, b| a == b) {
         let (from, end, command) = (begin, begin + chunk.len(), chunk[0]);
@@ -164,7 +164,7 @@ fn stretches(played: &Played) -> Vec<Stretch> {
     out
 }
 
-fn stands(played: &Played) -> Option<f32> {
+fn stands(played: &WalkTrace) -> Option<f32> {
     let mut still = 0;
     let settled = played.commands.iter().enumerate().filter_map(|(step, command)| {
         still = if *command == [0.0; 3] { still + 1 } else { 0 };
@@ -187,7 +187,7 @@ fn off(stretches: &[Stretch]) -> Option<f32> {
 
 /// Work of the joints, `sum |torque x speed| dt`, by weight and way (Tucker 1975): nothing comes back from braking, heat in the windings
 /// is left out. The way is that of the base, a chord for each second, so that swaying is no way.
-fn transport(played: &Played) -> Option<f32> {
+fn transport(played: &WalkTrace) -> Option<f32> {
     let power =
         |(torques, speeds): (&Vec<f32>, &Vec<f32>)| torques.iter().zip(speeds).map(|(t, w)| (t * w).abs()).sum::<f32>();
     let work: f32 = played.torques.iter().zip(&played.dq).map(power).sum::<f32>() / played.rate;
@@ -201,7 +201,7 @@ fn transport(played: &Played) -> Option<f32> {
 
 /// Share of joint targets that turned back three times in a row, by more than the encoders' noise of training each time. Independent
 /// random targets give 10/24 (alternating permutations of four), a smooth gait gives none.
-fn zigzag(played: &Played) -> f32 {
+fn zigzag(played: &WalkTrace) -> f32 {
     let noise = Noise::default().position;
     let turns = |w: &[Vec<f32>], j: usize| {
         let step = |k: usize| w[k + 1][j] - w[k][j];

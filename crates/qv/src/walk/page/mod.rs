@@ -13,7 +13,7 @@ mod words;
 use measures::{Measures, ends, mean};
 use qv_page::parts::{self, Mood, card, key};
 use qv_page::{Page, Table, escape, fixed, script_data};
-use qv_policy::play::Played;
+use qv_policy::play::WalkTrace;
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::Score;
 use qv_policy::train::Line;
@@ -23,7 +23,7 @@ const STYLE: &str = include_str!("style.css");
 const VIEW: &str = include_str!("view.js");
 
 /// The page. `lines` are those of the training, none where it is not known; `score` is that of the policy.
-pub fn page(title: &str, lines: &[Line], score: Option<&Score>, played: &Played, policy: &PolicyFile) -> String {
+pub fn page(title: &str, lines: &[Line], score: Option<&Score>, played: &WalkTrace, policy: &PolicyFile) -> String {
     let measures = Measures::new(played);
     let mut text = said(&words::verdict(&policy.robot, score, played, &measures));
     if !played.q.is_empty() {
@@ -58,7 +58,7 @@ fn said(verdict: &words::Verdict) -> String {
     parts::verdict(Mood::Fair, "", &text)
 }
 
-fn view(played: &Played) -> String {
+fn view(played: &WalkTrace) -> String {
     let mut text = String::from(
         "<h2>The walk</h2><div class=\"card\"><canvas id=\"view\" tabindex=\"0\" aria-label=\"The robot as it walks; drag to turn the view\"></canvas>\
          <div class=\"controls\"><button id=\"play\" type=\"button\">Pause</button>\
@@ -99,7 +99,7 @@ fn tracking_table(measures: &Measures) -> String {
     ))
 }
 
-fn feet_table(played: &Played, measures: &Measures) -> String {
+fn feet_table(played: &WalkTrace, measures: &Measures) -> String {
     let mut table = Table::grouped(
         &[
             ("foot", 1),
@@ -132,7 +132,7 @@ fn feet_table(played: &Played, measures: &Measures) -> String {
     ))
 }
 
-fn joints_table(played: &Played, measures: &Measures) -> String {
+fn joints_table(played: &WalkTrace, measures: &Measures) -> String {
     let mut table = Table::grouped(
         &[("joint", 1), ("mean torque", 2), ("99 % of torques are below", 2), ("limit", 1), ("shaking", 1)],
         &["", "[N m]", "[% of limit]", "[N m]", "[% of limit]", "[N m]", "[N m/s]"],
@@ -225,10 +225,10 @@ mod tests {
         let mut played = made_up(1);
         played.fell = Some(0);
         played.q[0][2] = f32::NAN;
-        let page_of = |played: &Played| page("Fall", &[], None, played, &file());
+        let page_of = |played: &WalkTrace| page("Fall", &[], None, played, &file());
         whole(&page_of(&played));
         assert!(page_of(&played).states("falls 0.0"));
-        for nothing in [made_up(0), Played::default()] {
+        for nothing in [made_up(0), WalkTrace::default()] {
             let text = page_of(&nothing);
             whole(&text);
             assert!(text.states("Nothing") && !text.contains("id=\"view\"") && read::boards(&text).is_empty());

@@ -2,7 +2,7 @@
 
 use super::measures::Measures;
 use qv_page::{Board, Choice, Column, Line, Look, Panel, Stretch, fixed};
-use qv_policy::play::Played;
+use qv_policy::play::WalkTrace;
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::Score;
 use qv_policy::train;
@@ -57,7 +57,7 @@ pub fn learning(lines: &[train::Line]) -> Board {
     let terms = coloured(names.map(|name| curve(name, 1e-4, &|l| figure(name, l))));
     let failed = board.column(&failed(&chunks), 1e-4);
     let failed = Line::new("episodes of training", "c0", samples, failed);
-    let scored = Scored::new(&mut board, lines);
+    let scored = ScoredIterations::new(&mut board, lines);
     let [scored_velocity, scored_turning] = [
         scored.line(&mut board, "score", &|s| s.velocity_error),
         scored.line(&mut board, "score", &|s| s.turning_error),
@@ -88,12 +88,12 @@ fn failed(chunks: &[&[train::Line]]) -> Vec<f64> {
 }
 
 /// Iterations that were scored.
-struct Scored<'a> {
+struct ScoredIterations<'a> {
     scores: Vec<&'a Score>,
     samples: Column,
 }
 
-impl<'a> Scored<'a> {
+impl<'a> ScoredIterations<'a> {
     fn new(board: &mut Board, lines: &'a [train::Line]) -> Self {
         let all = lines.iter().filter_map(|line| Some((millions(line.samples), line.score.as_ref()?)));
         let (samples, scores): (Vec<f64>, Vec<&Score>) = all.unzip();
@@ -118,9 +118,9 @@ struct OverTime {
 }
 
 impl OverTime {
-    fn new(played: &Played) -> Self {
+    fn new(played: &WalkTrace) -> Self {
         let mut board = Board::new("time [s]");
-        (board.link, board.tells) = ("time".into(), true);
+        (board.link, board.reports) = ("time".into(), true);
         let rate = f64::from(played.rate.max(1e-3));
         let time: Vec<f64> = (0..played.q.len()).map(|k| (k + 1) as f64 / rate).collect();
         let time = board.column(&time, 1e-4);
@@ -134,7 +134,7 @@ impl OverTime {
 }
 
 /// What was commanded and what was done; each command is a stretch to go to.
-pub fn tracking(played: &Played, measures: &Measures) -> Board {
+pub fn tracking(played: &WalkTrace, measures: &Measures) -> Board {
     let mut over = OverTime::new(played);
     for (k, (title, unit)) in
         [("Forwards", "m/s"), ("To the left", "m/s"), ("Turning to the left", "rad/s")].into_iter().enumerate()
@@ -154,7 +154,7 @@ pub fn tracking(played: &Played, measures: &Measures) -> Board {
 }
 
 /// When feet are on the ground, how high they are and what they carry.
-pub fn feet(played: &Played) -> Board {
+pub fn feet(played: &WalkTrace) -> Board {
     let mut over = OverTime::new(played);
     let count = played.feet.len();
     let mut of = |step: f64, value: &dyn Fn(usize, usize) -> f32| {
@@ -176,7 +176,7 @@ pub fn feet(played: &Played) -> Board {
 }
 
 /// Angle, target and torque of each joint, to choose from.
-pub fn joints(played: &Played, policy: &PolicyFile) -> Board {
+pub fn joints(played: &WalkTrace, policy: &PolicyFile) -> Board {
     let mut over = OverTime::new(played);
     for j in 0..played.joints.len() {
         let target = over.line("target", "c1", 1e-3, played.targets.iter().map(|t| t[j]));
@@ -232,6 +232,6 @@ mod tests {
         let (_, height) = board.points(&board.panels[1].lines[0]);
         assert!((height.iter().fold(0.0_f64, |m, h| m.max(*h)) - 5.0).abs() < 0.1);
         let board = tracking(&played, &Measures::new(&played));
-        assert_eq!((board.panels.len(), board.stretches.len(), board.tells), (3, 1, true));
+        assert_eq!((board.panels.len(), board.stretches.len(), board.reports), (3, 1, true));
     }
 }

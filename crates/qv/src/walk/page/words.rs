@@ -1,7 +1,7 @@
 //! The verdict in plain words.
 
 use super::measures::{Measures, mean};
-use qv_policy::play::Played;
+use qv_policy::play::WalkTrace;
 use qv_policy::score::Score;
 
 /// Swings of quadrupeds that walk on real ground \[s\]: shorter ones are a tremble, longer ones fall from foot to foot.
@@ -30,12 +30,12 @@ pub struct Verdict {
 }
 
 /// Says how well the policy of `robot` walks.
-pub fn verdict(robot: &str, score: Option<&Score>, played: &Played, measures: &Measures) -> Verdict {
+pub fn verdict(robot: &str, score: Option<&Score>, played: &WalkTrace, measures: &Measures) -> Verdict {
     let sentences = score.map(scored).into_iter().chain(gait(measures)).collect();
     Verdict { headline: headline(robot, played, measures), sentences, against: against(score, played, measures) }
 }
 
-fn headline(robot: &str, played: &Played, measures: &Measures) -> String {
+fn headline(robot: &str, played: &WalkTrace, measures: &Measures) -> String {
     let seconds = |steps: usize| steps as f32 / played.rate.max(1e-3);
     if let Some(step) = played.fell {
         return format!("{robot} falls after {:.1} s.", seconds(step + 1));
@@ -80,7 +80,7 @@ fn swing(score: Option<&Score>, measures: &Measures) -> Option<[f32; 2]> {
     scored.or(seen.map(|(time, height)| [time, height]))
 }
 
-fn against(score: Option<&Score>, played: &Played, measures: &Measures) -> Vec<String> {
+fn against(score: Option<&Score>, played: &WalkTrace, measures: &Measures) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(s) = score.filter(|s| s.fell > 0) {
         out.push(format!("{} of {} robots fell.", s.fell, s.robots));

@@ -1,6 +1,6 @@
 //! Devices, pipes and links in the place of what is written.
 
-use super::{command, contents, directory, done, qv, recording, told};
+use super::{command, contents, directory, done, qv, recording, remarks};
 use std::fs;
 use std::io::Read;
 use std::os::unix::fs::{FileTypeExt, symlink};
@@ -58,7 +58,7 @@ fn devices_and_pipes_are_written_into() {
     let child = command(&root, "view d --out pipe").spawn().unwrap();
     let mut page = String::new();
     fs::File::open(root.join("pipe")).unwrap().read_to_string(&mut page).unwrap();
-    let (code, _, err) = told(&child.wait_with_output().unwrap());
+    let (code, _, err) = remarks(&child.wait_with_output().unwrap());
     assert!(code == 0 && page.contains("<html") && page.contains("</html>"), "{err}");
     assert!(fs::metadata(root.join("pipe")).unwrap().file_type().is_fifo());
     // A link stays a link.

@@ -32,13 +32,13 @@ fn command(folder: &Path, words: &str) -> Command {
 }
 
 /// Exit code, standard output and standard error.
-fn told(output: &Output) -> (i32, String, String) {
+fn remarks(output: &Output) -> (i32, String, String) {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     (output.status.code().unwrap_or(-1), text(&output.stdout), text(&output.stderr))
 }
 
 fn qv(folder: &Path, words: &str) -> (i32, String, String) {
-    told(&command(folder, words).output().unwrap())
+    remarks(&command(folder, words).output().unwrap())
 }
 
 /// Runs `qv` and expects that it ends well.

@@ -23,7 +23,7 @@ fn a_file_sends_nothing_and_says_not_where_to_write() {
     fs::write(inside.join("ground.glb"), qv_mesh::files::glb::write(&ground)).unwrap();
     let contact = |words: &str| {
         let mut command = super::command(&inside, &format!("contact run --terrain ground.glb{words}"));
-        super::told(&command.env("QV_API_KEY", "secret").output().unwrap())
+        super::remarks(&command.env("QV_API_KEY", "secret").output().unwrap())
     };
     let (code, _, err) = contact("");
     assert!(code == 2 && err.contains("--out"), "{err}");

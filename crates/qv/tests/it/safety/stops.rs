@@ -1,6 +1,6 @@
 //! What a stop leaves: exit code 130, the old result, and where to go on from.
 
-use super::{command, contents, directory, done, qv, recording, signal, told, until};
+use super::{command, contents, directory, done, qv, recording, remarks, signal, until};
 use crate::facts::States;
 use crate::reconstruct::capture_in;
 use std::fs;
@@ -123,7 +123,7 @@ fn what_the_dead_left_is_removed_by_the_next() {
     let mut child = command(&root, "replay run --out out").spawn().unwrap();
     until("files", || !super::leftovers(&root).is_empty() || child.try_wait().unwrap().is_some());
     signal(&child, "-KILL");
-    let (_, out, err) = told(&child.wait_with_output().unwrap());
+    let (_, out, err) = remarks(&child.wait_with_output().unwrap());
     assert!(contents(&root.join("out")).is_empty() || out.contains("written"), "{out}{err}");
     done(&root, "replay run --out out");
     assert!(super::leftovers(&root).is_empty());
