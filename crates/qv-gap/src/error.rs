@@ -47,6 +47,16 @@ impl GapError {
     }
 }
 
+impl From<qv_held::HeldError> for GapError {
+    fn from(error: qv_held::HeldError) -> Self {
+        match error {
+            qv_held::HeldError::Recording { what, reason } => Self::run(what, "torques that can be weighed", reason),
+            qv_held::HeldError::Rollout(error) => error.into(),
+            qv_held::HeldError::Sim(error) => Self::Sim(error),
+        }
+    }
+}
+
 impl From<FitError> for GapError {
     fn from(error: FitError) -> Self {
         let FitError { what, expected, found } = error;

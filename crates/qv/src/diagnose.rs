@@ -307,19 +307,23 @@ fn write(folder: &Path, files: Vec<(String, Vec<u8>)>) -> Result<(), RecordingEr
     })
 }
 
+/// Errors of joints before and after, where they were simulated.
+fn joint_rms([before, after]: [f64; 2]) -> String {
+    if before.is_nan() { String::new() } else { format!("; joints {:.2} -> {:.2} mrad", 1e3 * before, 1e3 * after) }
+}
+
 fn summary(report: &Report) -> String {
     let gap = &report.gap;
     let mut text = format!("{}\n\n", report.sentence);
     text += &format!(
-        "gap {:.2} before, {:.2} after, {:.2} floor; closed {:.0} % ({:.0} to {:.0}); joints {:.2} -> {:.2} mrad\n",
+        "gap {:.2} before, {:.2} after, {:.2} floor; closed {:.0} % ({:.0} to {:.0}){}\n",
         gap.before,
         gap.after,
         gap.floor,
         100.0 * gap.closed,
         100.0 * gap.closed_ci95[0],
         100.0 * gap.closed_ci95[1],
-        1e3 * gap.joint_rms[0],
-        1e3 * gap.joint_rms[1]
+        joint_rms(gap.joint_rms)
     );
     for ranked in report.ranking.iter().take(4) {
         let name = if ranked.effect == UNKNOWN { "none of the library" } else { &ranked.effect };
@@ -335,11 +339,10 @@ fn summary(report: &Report) -> String {
     }
     for lead in &report.leads {
         text += &format!(
-            "not accused, but near: {} would close {:.0} %, joints {:.2} -> {:.2} mrad\n",
+            "not accused, but near: {} would close {:.0} %{}\n",
             lead.effects.join(" or "),
             100.0 * lead.closed,
-            1e3 * lead.joint_rms[0],
-            1e3 * lead.joint_rms[1]
+            joint_rms(lead.joint_rms)
         );
     }
     for effect in report.together.iter().flat_map(|t| &t.effects) {

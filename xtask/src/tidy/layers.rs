@@ -23,6 +23,7 @@ const LAYERS: &[(&str, u8)] = &[
     ("qv-replay", 4),
     ("qv-contact", 4),
     ("qv-residual", 4),
+    ("qv-held", 4),
     ("qv-gap", 5),
     ("qv-camera", 6),
     ("qv-open", 6),

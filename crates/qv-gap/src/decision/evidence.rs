@@ -281,6 +281,9 @@ pub struct ReportData {
     pub causes: Vec<CauseData>,
     /// Every joint at the recorded rate; `after` is with all that was accused.
     pub traces: Traces,
+    /// Friction and rotor of each joint, of a robot with a fixed base.
+    #[serde(default)]
+    pub joint_rows: Vec<qv_held::JointRow>,
     /// What was done.
     pub stages: Vec<Stage>,
     /// How long it took; it is not stored, since it differs from run to run.
@@ -343,6 +346,9 @@ pub struct Evidence {
     /// What the camera shows, where images were compared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraEvidence>,
+    /// Torque balances beside those of references, by which alone it is decided then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held: Option<qv_held::Evidence>,
 }
 
 /// What any format of evidence begins with.

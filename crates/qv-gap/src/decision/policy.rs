@@ -177,6 +177,9 @@ pub struct Policy {
     /// The same where no effect explains it: a model with all masses times 3 makes 60 to 90, with half as much again 30.
     pub large_unexplained: f64,
 
+    /// What decides of robots with a fixed base whose torques were recorded beside references.
+    pub held: qv_held::Policy,
+
     /// Log evidence over that of no effect from which an effect of the camera is accused,
     pub camera_evidence: f64,
     /// its size in tolerances,
@@ -277,6 +280,7 @@ impl Default for Policy {
             nearly_as_good: 0.95,
             huge_gap: 200.0,
             large_unexplained: 25.0,
+            held: qv_held::Policy::default(),
             camera_evidence: 5.0,
             camera_size: 3.5,
             camera_closed: 0.1,

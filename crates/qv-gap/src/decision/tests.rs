@@ -99,6 +99,7 @@ fn latency() -> Evidence {
         corrected: Some(corrected),
         report: None,
         camera: None,
+        held: None,
     }
 }
 

@@ -40,6 +40,7 @@ impl Findings<'_> {
             rounds: self.rounds.iter().map(|r| r.round.clone()).collect(),
             report: None,
             camera: None,
+            held: None,
         };
         // Joint fits take as long as all before them: as rounds, they are measured as far as the policy asks for them.
         let policy = &session.options.policy;

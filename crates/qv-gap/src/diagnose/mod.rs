@@ -1,11 +1,15 @@
 //! The whole diagnosis: from runs to a report.
 
 mod corrected;
+mod held;
+mod options;
 mod progress;
 mod refine;
 mod report_data;
 mod rounds;
 
+use options::PreparedRuns;
+pub use options::{Diagnosis, Options};
 use progress::Plan;
 pub use progress::Progress;
 use rounds::RoundResult;
@@ -15,19 +19,18 @@ use crate::checks::actuator_residual::{ActuatorResidual, actuator_residuals};
 use crate::checks::by_recording::by_recording;
 use crate::checks::held_out::{closure, held_out_loss};
 use crate::decision::evidence::{After, Evidence, Level};
-use crate::decision::{Policy, is_much_left};
+use crate::decision::is_much_left;
 use crate::findings::{CanTell, Cause, Correction, Stage, UNKNOWN, Where};
 use crate::inference::intervals::estimates;
 use crate::inference::level::{level, level_outside};
-use crate::inference::linearised::{LinearisedProblem, NullOptions};
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::Fit;
 use crate::null::reference;
 use crate::problem::columns::{Columns, Extent, Group};
-use crate::problem::library::{self, Effect};
 use crate::problem::{data_quality, one_robot, origin, rollout_of};
 use crate::report::{self, Report, attribution, can_tell, cannot_tell};
 use qv_recording::Run;
-use qv_rollout::{Event, Overrides, Rollout, WindowOptions};
+use qv_rollout::{Event, Overrides, Rollout};
 
 use qv_recording::conventions::read_in_ours;
 
@@ -37,44 +40,6 @@ use qv_recording::gaps::without_gaps;
 
 use qv_recording::stale::without_stale;
 use qv_sim::{Model, Terrain};
-
-/// How to diagnose.
-pub struct Options<'a> {
-    /// Effects that may be accused.
-    pub library: Vec<Effect>,
-    /// Parameters that are known already, by name; `*` stands for all that fit.
-    pub given: Vec<(String, f64)>,
-    /// Recordings of the same robot without what is looked for; may be none.
-    pub reference: Vec<Run>,
-    /// How windows are cut.
-    pub cut: WindowOptions,
-    /// How much is done.
-    pub effort: NullOptions,
-    /// What decides.
-    pub policy: Policy,
-    /// Effects of the library that may not be accused.
-    pub without: Vec<String>,
-    /// Seconds since some instant, for the report; libraries read no clock.
-    pub clock: Option<&'a (dyn Fn() -> f64 + Sync)>,
-    /// Reported of each stage as it begins.
-    pub progress: Option<&'a (dyn Fn(&Progress) + Sync)>,
-}
-
-impl Default for Options<'_> {
-    fn default() -> Self {
-        Self {
-            library: library::built_in(),
-            given: Vec::new(),
-            reference: Vec::new(),
-            cut: WindowOptions::default(),
-            effort: NullOptions::default(),
-            policy: Policy::default(),
-            without: Vec::new(),
-            clock: None,
-            progress: None,
-        }
-    }
-}
 
 /// A cause with all that the report says of it.
 struct ReportedCause {
@@ -113,16 +78,6 @@ impl ReportedCause {
     }
 }
 
-/// A diagnosis, and what it would have been had the library lacked one of the effects it ranks first.
-pub struct Diagnosis {
-    /// The diagnosis.
-    pub report: Report,
-    /// What it was decided by.
-    pub evidence: Evidence,
-    /// Effect left out, and the diagnosis without it.
-    pub without: Vec<(String, Report, Evidence)>,
-}
-
 /// Diagnoses `runs` of one robot on one ground, and again without each of the `leave_out` most probable effects.
 ///
 /// # Errors
@@ -135,7 +90,12 @@ pub fn diagnose(
     leave_out: usize,
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
-    let PreparedRuns { usable, reference, mut cannot_tell, fallen } = prepared(runs, terrain, options)?;
+    let prepared = prepared(runs, terrain, options)?;
+    if held::is_weighed(&prepared) {
+        return held::diagnose(&prepared, model, options, leave_out);
+    }
+    let joint_rows = held::joint_rows(&prepared.usable, model, options);
+    let PreparedRuns { usable, reference, mut cannot_tell, fallen } = prepared;
     let mut session = Session::new(usable, &reference, (model, terrain), options, leave_out);
     let begun = session.now();
     let mut nominal = session.nominal(&cannot_tell)?;
@@ -150,6 +110,7 @@ pub fn diagnose(
     let mut evidence = findings.evidence(&mut session, &mut nominal, begun)?;
     if let Some(data) = &mut evidence.report {
         data.can_tell = can_tell;
+        data.joint_rows = joint_rows;
         data.fall = fallen.first().cloned();
     }
     let report = report::report(&evidence, &options.policy)?;
@@ -182,17 +143,6 @@ pub(crate) fn study<T>(
     let PreparedRuns { usable, reference, cannot_tell, .. } = prepared(runs, terrain, options)?;
     let mut session = Session::new(usable, &reference, (model, terrain), options, 0);
     look(&session.nominal(&cannot_tell)?)
-}
-
-/// Recordings as they are judged.
-struct PreparedRuns {
-    usable: Vec<Run>,
-    /// The reference recordings, likewise.
-    reference: Vec<Run>,
-    /// What was broken in them, and what was done about it.
-    cannot_tell: Vec<String>,
-    /// Those of a robot that fell.
-    fallen: Vec<String>,
 }
 
 fn prepared(runs: &[Run], terrain: &Terrain, options: &Options) -> Result<PreparedRuns, GapError> {

@@ -71,6 +71,7 @@ impl Findings<'_> {
             corrected,
             causes: self.causes(nominal),
             traces,
+            joint_rows: Vec::new(),
             stages: session.stages.clone(),
             timing: Timing { runtime_s: session.now() - begun, stages_s: session.stages_s.clone() },
             provenance: None,

@@ -7,6 +7,7 @@ mod heat_map;
 mod sizes;
 mod style;
 mod together;
+mod torque_balance;
 mod traces;
 pub mod words;
 
@@ -32,6 +33,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
         causes::causes(report, &library),
         leads(&report.leads),
         report.together.as_ref().map_or(String::new(), together::together),
+        report.torque_balance.as_ref().map_or(String::new(), torque_balance::torque_balance),
         sentences(report),
         sizes::sizes(&report.can_tell),
         place(&shown),

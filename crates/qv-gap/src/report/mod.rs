@@ -5,6 +5,7 @@ mod camera;
 pub(crate) mod can_tell;
 pub(crate) mod cannot_tell;
 pub(crate) mod figures;
+mod held;
 pub(crate) mod leads;
 pub(crate) mod narrative;
 mod render;
@@ -57,6 +58,34 @@ pub struct Remainder {
     pub depends_on: Vec<Factor>,
 }
 
+/// Torque balance of a robot with a fixed base: `torque_balance` in `report.json`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct TorqueBalance {
+    /// Recordings without a cause that it was compared with, or pieces of one; 0 where the balance decided nothing.
+    pub references: usize,
+    /// Probability of a gap as large in a robot like its references.
+    pub p_gap: Option<f64>,
+    /// Effects that explain the recording as well as the best one by chance, best first.
+    pub set: Vec<SetMember>,
+    /// Torques from outside.
+    pub events: Vec<qv_held::Event>,
+    /// Friction and rotor of each joint: value, standard deviation, and what is stated.
+    pub joints: Vec<qv_held::JointRow>,
+}
+
+/// A hypothesis that explains the recording as well as the best one by chance.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SetMember {
+    /// Name of the effect.
+    pub effect: String,
+    /// `all`, a joint or a link.
+    pub scope: Vec<String>,
+    /// Its size.
+    pub parameters: Vec<ParameterEstimate>,
+    /// What each test says of it.
+    pub tests: qv_held::Judgement,
+}
+
 /// A diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
@@ -84,6 +113,9 @@ pub struct Report {
     /// What the camera says, where images were compared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub visual: Option<Sight>,
+    /// Torque balance of a robot with a fixed base.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub torque_balance: Option<TorqueBalance>,
     /// What is left.
     pub unexplained: Remainder,
     /// What cannot be distinguished from this recording, and why.

@@ -1,7 +1,7 @@
 //! From evidence and a decision to a report. Nothing is simulated.
 
 use super::camera::join;
-use super::{Cause, FORMAT, Gap, Remainder, Report, Share, Sight, Verdict, Where, narrative};
+use super::{Cause, FORMAT, Gap, Remainder, Report, Share, Sight, TorqueBalance, Verdict, Where, narrative};
 use crate::GapError;
 use crate::decision::evidence::{Evidence, ReportData};
 use crate::decision::{Decision, Divergence, Policy, decide};
@@ -16,6 +16,9 @@ const LEAST_SHARES: [f64; 2] = [0.01, 0.6];
 /// # Errors
 /// The policy would have led to other simulations than those of the evidence; as [`render`].
 pub fn report(evidence: &Evidence, policy: &Policy) -> Result<Report, GapError> {
+    if let (Some(held), Some(data)) = (&evidence.held, &evidence.report) {
+        return Ok(super::held::report(evidence, held, data, policy));
+    }
     let decision = decide(evidence, policy).map_err(|Divergence(round)| {
         let found = format!("one that would have gone another way in round {}", round + 1);
         GapError::run("policy", "the one under which the evidence was measured", found)
@@ -49,6 +52,8 @@ pub fn render(evidence: &Evidence, decision: &Decision) -> Result<Report, GapErr
         ranking: decision.ranking.clone(),
         rounds: rounds.map(|(round, judgement)| narrative::round(round, judgement)).collect(),
         visual: None,
+        torque_balance: (!data.joint_rows.is_empty())
+            .then(|| TorqueBalance { joints: data.joint_rows.clone(), ..Default::default() }),
         unexplained: Remainder { share: left(verdict, gap), depends_on: shown.depends_on.clone() },
         cannot_tell: data.cannot_tell.clone(),
         next: narrative::next(evidence, data, decision, (&causes, &leads, gap)),

@@ -54,6 +54,7 @@ pub fn empty() -> Report {
         together: None,
         rounds: Vec::new(),
         visual: None,
+        torque_balance: None,
         unexplained: Remainder::default(),
         cannot_tell: Vec::new(),
         next: Vec::new(),
@@ -95,6 +96,7 @@ pub fn report() -> Report {
         causes: causes(),
         ranking: ranking(),
         visual: None,
+        torque_balance: None,
         unexplained: Remainder {
             share: 0.091,
             depends_on: vec![

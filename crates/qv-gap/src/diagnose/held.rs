@@ -1,0 +1,177 @@
+//! Robots with a fixed base by their torque balance: from recordings to evidence.
+
+use super::options::{Diagnosis, Options, PreparedRuns};
+use super::progress;
+use crate::GapError;
+use crate::decision::evidence::{ActsOn, Comparison, EffectFacts, Evidence, FORMAT, ReportData};
+use crate::findings::{Gap, HeatMap, JointShare, Level, Share, Stage, Timing, Traces, UNKNOWN, Where};
+use crate::problem::library::{Effect, Interface};
+use crate::report;
+use qv_recording::Run;
+use qv_recording::run::Base;
+use qv_sim::Model;
+
+/// Whether recordings are judged by their torque balance: a fixed base, torques, and references.
+pub(super) fn is_weighed(prepared: &PreparedRuns) -> bool {
+    let is_fixed = prepared.usable.first().is_some_and(|run| run.base == Base::Fixed);
+    is_fixed && qv_held::can_measure(&prepared.usable, &prepared.reference)
+}
+
+/// The diagnosis, and those without each of the `leave_out` most probable effects.
+pub(super) fn diagnose(
+    prepared: &PreparedRuns,
+    model: &Model,
+    options: &Options,
+    leave_out: usize,
+) -> Result<Diagnosis, GapError> {
+    let (evidence, report) = one(prepared, model, options, &options.without)?;
+    let mut without = Vec::new();
+    for ranked in report.ranking.iter().filter(|r| r.effect != UNKNOWN).take(leave_out) {
+        let names = [&options.without[..], std::slice::from_ref(&ranked.effect)].concat();
+        let (evidence, report) = one(prepared, model, options, &names)?;
+        without.push((ranked.effect.clone(), report, evidence));
+    }
+    Ok(Diagnosis { report, evidence, without })
+}
+
+fn one(
+    prepared: &PreparedRuns,
+    model: &Model,
+    options: &Options,
+    without: &[String],
+) -> Result<(Evidence, report::Report), GapError> {
+    let now = || options.clock.map_or(0.0, |clock| clock());
+    let begun = now();
+    if let Some(notify) = options.progress {
+        notify(&progress::Plan::new(false, 0).begin(progress::SEARCH));
+    }
+    let request = qv_held::Request {
+        runs: &prepared.usable,
+        references: &prepared.reference,
+        model,
+        given: &options.given,
+        without,
+        seed: options.effort.seed,
+        policy: &options.policy.held,
+    };
+    let held = qv_held::measure(&request)?;
+    let seconds = now() - begun;
+    let evidence = Evidence {
+        format: FORMAT.into(),
+        is_free: false,
+        joints: model.joint_names().to_vec(),
+        effects: options.library.iter().map(|e| facts(e, without)).collect(),
+        level: Level {
+            ratio: held.loss / held.reference_loss(),
+            quiet: f64::NAN,
+            null: held.reference_loss(),
+            count: f64::NAN,
+        },
+        actuator_residuals: Vec::new(),
+        held_out: [held.loss, held.reference_loss()],
+        rounds: Vec::new(),
+        corrected: None,
+        report: Some(data(prepared, &held, seconds)),
+        camera: None,
+        held: Some(held),
+    };
+    let report = report::report(&evidence, &options.policy)?;
+    Ok((evidence, report))
+}
+
+fn facts(effect: &Effect, without: &[String]) -> EffectFacts {
+    EffectFacts {
+        name: effect.name.clone(),
+        acts_on: ActsOn::Other,
+        is_factor: false,
+        is_of_links: false,
+        is_payload: false,
+        upwards: None,
+        is_known: !without.contains(&effect.name),
+        interface: effect.interface.name().into(),
+        experiment: effect.experiment.clone(),
+    }
+}
+
+/// What a report shows of the robot as it is stated.
+fn data(prepared: &PreparedRuns, held: &qv_held::Evidence, seconds: f64) -> ReportData {
+    let floor = held.reference_loss();
+    let gap = Gap {
+        before: held.loss,
+        after: held.loss,
+        floor,
+        closed: 0.0,
+        closed_ci95: [0.0; 2],
+        closed_in_fit: None,
+        unit: "mean squared normalized torque residual, 1 = references".into(),
+        heldout: true,
+        joint_rms: [f64::NAN; 2],
+        joint_rms_apart: None,
+    };
+    let left: f64 = held.joints.iter().map(square_share).sum();
+    let share = |j: &qv_held::JointRow| JointShare {
+        name: j.joint.clone(),
+        share: square_share(j) / left.max(1e-300),
+        pos_rms: f64::NAN,
+    };
+    let mut cannot_tell = prepared.cannot_tell.clone();
+    if prepared.reference.len() == 1 {
+        cannot_tell.push(
+            "One reference: how the robot differs from day to day is not known. Record references on several days, warm and cold.".into(),
+        );
+    }
+    if held.spikes > 0 {
+        cannot_tell.push(format!("{} single samples that jumped out and back were replaced", held.spikes));
+    }
+    ReportData {
+        title: String::new(),
+        notes: Vec::new(),
+        recordings: prepared.usable.len(),
+        on_legs: false,
+        fall: None,
+        dead: Vec::new(),
+        cannot_tell,
+        cannot_show: Vec::new(),
+        can_tell: Vec::new(),
+        place: Where { joints: held.joints.iter().map(share).collect(), ..Where::default() },
+        interfaces: Interface::ALL.map(|i| Share { name: i.name().into(), share: 0.0 }).into(),
+        leads: Vec::new(),
+        together: None,
+        stated: Comparison {
+            gap,
+            depends_on: Vec::new(),
+            heat_map: HeatMap::default(),
+            floor_plan: Vec::new(),
+            curves: Vec::new(),
+            corrections: Vec::new(),
+        },
+        corrected: None,
+        causes: Vec::new(),
+        traces: Traces::default(),
+        joint_rows: held.joints.clone(),
+        stages: vec![Stage { name: "torque balance".into(), steps: 0 }],
+        timing: Timing { runtime_s: seconds, stages_s: vec![seconds] },
+        provenance: None,
+    }
+}
+
+/// Square of what the stated robot leaves of a joint's torque, over that of the torque.
+fn square_share(row: &qv_held::JointRow) -> f64 {
+    (row.torque[1] / row.torque[0].max(1e-12)).powi(2)
+}
+
+/// Friction and rotor of each joint, for the report of a diagnosis that is not decided by them; empty for a free base.
+pub(super) fn joint_rows(runs: &[Run], model: &Model, options: &Options) -> Vec<qv_held::JointRow> {
+    if runs.first().is_none_or(|run| run.base == Base::Free) {
+        return Vec::new();
+    }
+    qv_held::joint_table(&qv_held::Request {
+        runs,
+        references: &[],
+        model,
+        given: &options.given,
+        without: &[],
+        seed: options.effort.seed,
+        policy: &options.policy.held,
+    })
+}

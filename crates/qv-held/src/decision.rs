@@ -1,0 +1,394 @@
+//! From evidence to a verdict: tests whose numbers are rates, shares or variances that the data give. Nothing is simulated.
+
+use crate::distribution::{fisher_tail, student_quantile, student_tail};
+use crate::evidence::{Change, Event, Evidence, HypothesisTest, Square};
+use crate::hypothesis::Tolerances;
+use qv_fit::linear::{Cholesky, Matrix, dot};
+use serde::{Deserialize, Serialize};
+
+/// References from which on their spread is taken as a covariance of its own.
+const MANY: usize = 8;
+/// Fewest blocks without an event that say anything.
+const FEWEST: usize = 4;
+
+/// What is asked of a decision.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Policy {
+    /// Rate of a false accusation per diagnosis, of steady causes; events apart.
+    pub alpha: f64,
+    /// Rate at which a right size is refused because it moves with the bandwidth.
+    pub alpha_bandwidth: f64,
+    /// Coverage of the set of what may be the cause.
+    pub level: f64,
+    /// Least share of the excess over the references that a cause takes away.
+    pub least_share: f64,
+    /// By how much robots differ from their papers: for those without references.
+    pub tolerances: Tolerances,
+}
+
+impl Default for Policy {
+    fn default() -> Self {
+        Self { alpha: 0.05, alpha_bandwidth: 0.01, level: 0.9, least_share: 0.5, tolerances: Tolerances::default() }
+    }
+}
+
+/// How a hypothesis did in each test.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Judgement {
+    /// Probability of a size beyond what references show; alpha over the number of hypotheses is asked for.
+    pub p_size: f64,
+    /// Probability of predicting blocks that its fit has not seen as well by chance.
+    pub p_blocks: f64,
+    /// Probability of a size that moves as much with the bandwidth.
+    pub p_bandwidth: f64,
+    /// Whether its values are physical and those that name it are determined from zero.
+    pub is_physical: bool,
+    /// Share of the excess that it takes away.
+    pub share: f64,
+    /// Whether no test refuses it.
+    pub passed: bool,
+    /// Whether it is as good as the best by chance.
+    pub in_set: bool,
+    /// Interval of each axis.
+    pub ci95: Vec<[f64; 2]>,
+}
+
+/// What is there.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// Nothing that references do not show, too.
+    None,
+    /// A steady cause, by its index, and whether it leaves no gap.
+    Cause(usize, bool),
+    /// Torques from outside, and whether they leave no gap.
+    Events(bool),
+    /// Something, and nothing passed all tests.
+    Unexplained,
+}
+
+/// A decision.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Decision {
+    /// What is there.
+    pub outcome: Outcome,
+    /// Of each hypothesis.
+    pub judged: Vec<Judgement>,
+    /// Indices of hypotheses from the best on.
+    pub order: Vec<usize>,
+    /// Probability of a gap as large in a robot like its references.
+    pub p_gap: f64,
+    /// Whether no cause at all is as good as the best by chance.
+    pub none_in_set: bool,
+    /// Events that are reported.
+    pub events: Vec<Event>,
+}
+
+/// Decides.
+pub fn decide(evidence: &Evidence, policy: &Policy) -> Decision {
+    let moderation = [
+        moderation(evidence, |t| quadratic_mean(&t.left_out, &t.information), 1.0),
+        moderation(evidence, of_change, 1.0),
+    ];
+    let mut judged: Vec<Judgement> = evidence.tested.iter().map(|t| judge(evidence, t, policy, moderation)).collect();
+    let mut order: Vec<usize> = (0..judged.len()).collect();
+    let loss = |k: usize| mean(&evidence.tested[k].losses);
+    order.sort_by(|&a, &b| loss(a).total_cmp(&loss(b)));
+    let best = order.first().copied();
+    let l0 = evidence.reference_loss();
+    if let Some(best) = best {
+        for k in 0..judged.len() {
+            judged[k].in_set =
+                p_better(&evidence.tested[best].losses, &evidence.tested[k].losses, l0) > 1.0 - policy.level;
+        }
+    }
+    // The best of many is better by chance: none is thrown out at a level for each of them.
+    let level = (1.0 - policy.level) / evidence.tested.len().max(1) as f64;
+    let none_in_set = best.is_none_or(|b| p_better(&evidence.tested[b].losses, &evidence.none, l0) > level);
+    let p_gap = p_gap(evidence, evidence.loss);
+    let mut decision = Decision { outcome: Outcome::None, judged, order, p_gap, none_in_set, events: Vec::new() };
+    decision.outcome = outcome(evidence, policy, &mut decision);
+    decision
+}
+
+fn outcome(evidence: &Evidence, policy: &Policy, decision: &mut Decision) -> Outcome {
+    let is_explained = |loss: f64| p_gap(evidence, loss) >= policy.alpha;
+    let cause = decision.order.iter().copied().find(|&k| decision.judged[k].passed);
+    let events_beside = |k: usize| evidence.tested[k].events.as_deref().unwrap_or(&evidence.events);
+    if let Some(k) = cause {
+        let left = events_beside(k);
+        let is_steady = left.is_empty() || acts_outside(evidence, k, left, policy, policy.alpha);
+        if is_steady {
+            decision.events = left.to_vec();
+            return Outcome::Cause(k, is_explained(evidence.tested[k].loss) && left.is_empty());
+        }
+    }
+    if !evidence.events.is_empty() {
+        let narrow: Vec<usize> = (0..decision.judged.len())
+            .filter(|&k| {
+                decision.judged[k].p_size < policy.alpha
+                    && evidence.tested[k].events.as_ref().is_some_and(Vec::is_empty)
+            })
+            .collect();
+        let asked = policy.alpha / narrow.len().max(1) as f64;
+        if narrow.iter().any(|&k| acts_outside(evidence, k, &evidence.events, policy, asked)) {
+            return Outcome::Unexplained;
+        }
+        let quiet: Vec<f64> = outside(evidence, &evidence.events).map(|b| evidence.none[b]).collect();
+        let (is_everywhere, quiet) = (quiet.len() < FEWEST, mean(&quiet));
+        if is_everywhere || evidence.loss - quiet < policy.least_share * (evidence.loss - evidence.reference_loss()) {
+            return Outcome::Unexplained;
+        }
+        decision.events = evidence.events.clone();
+        return Outcome::Events(is_explained(quiet));
+    }
+    // None is thrown out of the set by a best member whose size is beyond the wander, uncorrected.
+    let is_thrown_out =
+        !decision.none_in_set && decision.order.first().is_some_and(|&k| decision.judged[k].p_size < policy.alpha);
+    if decision.p_gap >= policy.alpha && !is_thrown_out { Outcome::None } else { Outcome::Unexplained }
+}
+
+/// Blocks that no event touches.
+fn outside<'a>(evidence: &'a Evidence, events: &'a [Event]) -> impl Iterator<Item = usize> + 'a {
+    let is_free = |b: &usize| {
+        let [from, until] = evidence.blocks[*b];
+        events.iter().all(|e| e.time[1] < from || e.time[0] > until)
+    };
+    (0..evidence.blocks.len()).filter(is_free)
+}
+
+/// Whether a hypothesis predicts blocks outside of the events, and takes its share there.
+fn acts_outside(evidence: &Evidence, k: usize, events: &[Event], policy: &Policy, alpha: f64) -> bool {
+    let picked: Vec<usize> = outside(evidence, events).collect();
+    let of = |all: &[f64]| -> Vec<f64> { picked.iter().map(|&b| all[b]).collect() };
+    let (own, none, l0) = (of(&evidence.tested[k].losses), of(&evidence.none), evidence.reference_loss());
+    let share = (mean(&none) - mean(&own)) / (mean(&none) - l0).max(1e-12);
+    picked.len() >= FEWEST && p_better(&own, &none, l0) < alpha && share >= policy.least_share
+}
+
+fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_change]: [[f64; 2]; 2]) -> Judgement {
+    let k = t.size.len() as f64;
+    let l0 = evidence.reference_loss();
+    let p_size = p_size(evidence, (&t.size, &t.sandwich, &t.left_out), (&t.information, &t.drift), of_size);
+    let p_bandwidth = t.change.as_ref().map_or(1.0, |c| p_size_of_change(evidence, c, &t.information, of_change));
+    let p_blocks = p_better(&t.acted[1], &t.acted[0], t.reference_acted);
+    let ci95 = intervals(evidence, t, of_size, l0);
+    let is_in = |i: usize| (t.hypothesis.axes[i].range[0]..=t.hypothesis.axes[i].range[1]).contains(&t.size[i]);
+    // The mass of a load names it: the other numbers are its place.
+    let names = if t.hypothesis.effect == "com_offset" || t.hypothesis.load_on.is_none() && k > 1.0 { 0 } else { 1 };
+    let is_told = (0..names).all(|i| ci95[i][0] * ci95[i][1] > 0.0);
+    let is_physical = is_told && (0..t.size.len()).all(is_in);
+    let share = if evidence.loss > l0 { (evidence.loss - t.loss) / (evidence.loss - l0) } else { 0.0 };
+    let count = evidence.tested.len().max(1) as f64;
+    let passed = p_size < policy.alpha / count
+        && p_blocks < policy.alpha
+        && (p_bandwidth >= policy.alpha_bandwidth || stays(t, policy))
+        && is_physical
+        && evidence.loss > l0
+        && share >= policy.least_share;
+    Judgement { p_size, p_blocks, p_bandwidth, is_physical, share, passed, in_set: false, ci95 }
+}
+
+/// Whether the part of a size that does not move with the bandwidth is its share: references, which have none, do not say how far
+/// a large size wanders in proportion.
+fn stays(t: &HypothesisTest, policy: &Policy) -> bool {
+    let moved = t.change.as_ref().map_or(0.0, |c| quadratic(&c.size, &t.information));
+    moved.sqrt() <= (1.0 - policy.least_share) * quadratic(&t.size, &t.information).sqrt()
+}
+
+/// Test 1: a size beyond what references show.
+fn p_size(
+    evidence: &Evidence,
+    (size, sandwich, left_out): (&[f64], &Square, &[Vec<f64>]),
+    (information, drift): (&Square, &[f64]),
+    [freedom, prior]: [f64; 2],
+) -> f64 {
+    let (k, r) = (size.len() as f64, left_out.len() as f64);
+    if evidence.references >= MANY {
+        // Hotelling's: the spread of references in physical units, and the recording's own error.
+        let spread = sum(&mean_outer(left_out), sandwich);
+        return match Cholesky::new(&spread) {
+            Some(factor) if r > k => fisher_tail(factor.length(size) * (r - k + 1.0) / (k * r), k, r - k + 1.0),
+            _ => 1.0,
+        };
+    }
+    let phi = moderated(quadratic_mean(left_out, information), r * k, [freedom, prior])
+        .max(trace_of_product(information, sandwich) / k);
+    let Some(inverse) = Cholesky::new(&matrix(information)).map(|f| f.inverse()) else { return 1.0 };
+    let spread =
+        Matrix::from_fn(size.len(), size.len(), |i, j| phi * inverse[(i, j)] + if i == j { drift[i] } else { 0.0 });
+    Cholesky::new(&spread).map_or(1.0, |factor| fisher_tail(factor.length(size) / k, k, r + freedom))
+}
+
+fn p_size_of_change(evidence: &Evidence, change: &Change, information: &Square, moderation: [f64; 2]) -> f64 {
+    let drift = vec![0.0; change.size.len()];
+    p_size(evidence, (&change.size, &change.sandwich, &change.left_out), (information, &drift), moderation)
+}
+
+fn of_change(t: &HypothesisTest) -> f64 {
+    t.change.as_ref().map_or(f64::NAN, |c| quadratic_mean(&c.left_out, &t.information))
+}
+
+/// Intervals of 95 %.
+fn intervals(evidence: &Evidence, t: &HypothesisTest, [freedom, prior]: [f64; 2], l0: f64) -> Vec<[f64; 2]> {
+    let (k, r) = (t.size.len(), t.left_out.len() as f64);
+    let (variance, freedom): (Vec<f64>, f64) = if evidence.references >= MANY {
+        let spread = sum(&mean_outer(&t.left_out), &t.sandwich);
+        ((0..k).map(|i| spread[(i, i)] + t.unseen[i][i]).collect(), r)
+    } else {
+        let own = quadratic_mean(&t.left_out, &t.information);
+        let floor = trace_of_product(&t.information, &t.sandwich) / k as f64;
+        // What the cause leaves over the references is as uncertain (Birge, Physical Review 40, 1932).
+        let phi = moderated(own, r * k as f64, [freedom, prior]).max(floor) * (t.loss / l0.max(1e-12)).max(1.0);
+        let inverse = Cholesky::new(&matrix(&t.information)).map(|f| f.inverse());
+        let of = |i: usize| inverse.as_ref().map_or(f64::INFINITY, |m| phi * m[(i, i)]) + t.unseen[i][i] + t.drift[i];
+        ((0..k).map(of).collect(), r + freedom)
+    };
+    let quantile = student_quantile(0.025, freedom.max(1.0));
+    t.size.iter().zip(variance).map(|(x, v)| [x - quantile * v.sqrt(), x + quantile * v.sqrt()]).collect()
+}
+
+/// Prior degrees of freedom and value of the spread of hypotheses, by its spread over all (Smyth, Statistical Applications in Genetics and
+/// Molecular Biology 3, 2004, section 6.2), no more than hypotheses have themselves.
+fn moderation(evidence: &Evidence, of: impl Fn(&HypothesisTest) -> f64, least: f64) -> [f64; 2] {
+    let r = evidence.references as f64;
+    let all: Vec<(f64, f64)> = evidence
+        .tested
+        .iter()
+        .map(|t| (of(t), r * t.size.len() as f64))
+        .filter(|(phi, _)| phi.is_finite() && *phi > 0.0)
+        .map(|(phi, d)| (phi.ln() - digamma(0.5 * d) + (0.5 * d).ln(), d))
+        .collect();
+    if all.len() < 3 {
+        return [0.0, 0.0];
+    }
+    let centre = all.iter().map(|x| x.0).sum::<f64>() / all.len() as f64;
+    let variance = all.iter().map(|x| (x.0 - centre).powi(2)).sum::<f64>() / (all.len() - 1) as f64;
+    let beyond = variance - all.iter().map(|x| trigamma(0.5 * x.1)).sum::<f64>() / all.len() as f64;
+    let freedom = if beyond <= 0.0 { f64::INFINITY } else { 2.0 * inverse_trigamma(beyond) };
+    let freedom = freedom.min(all.len() as f64).max(least);
+    [freedom, (centre + digamma(0.5 * freedom) - (0.5 * freedom).ln()).exp()]
+}
+
+fn moderated(own: f64, d: f64, [freedom, prior]: [f64; 2]) -> f64 {
+    (d * own + freedom * prior) / (d + freedom)
+}
+
+/// Test 2: probability that losses as much lower than others come by chance; blocks after one another may be alike (Newey and West,
+/// Econometrica 55, 1987, one lag).
+pub(crate) fn p_better(own: &[f64], other: &[f64], l0: f64) -> f64 {
+    let gain: Vec<f64> = own.iter().zip(other).map(|(a, b)| ((b + l0) / (a + l0)).ln()).collect();
+    let count = gain.len() as f64;
+    if count < 3.0 {
+        return 1.0;
+    }
+    let middle = mean(&gain);
+    let about: Vec<f64> = gain.iter().map(|g| g - middle).collect();
+    let variance = (dot(&about, &about) / count).max(0.0);
+    let lagged = dot(&about[1..], &about[..about.len() - 1]) / count;
+    let whole = (variance + lagged).max(variance * 0.5).max(1e-300);
+    student_tail(middle / (whole / (count - 1.0)).sqrt(), count - 1.0)
+}
+
+/// Probability of a loss as large in a robot that is as its references are.
+fn p_gap(evidence: &Evidence, loss: f64) -> f64 {
+    let r = evidence.left_out.len() as f64;
+    if evidence.references >= MANY {
+        let most_free = evidence.left_out.iter().map(|l| l[1]).fold(0.0, f64::max);
+        let log = |l: f64, free: f64| (l / free.min(most_free).max(1e-12)).max(1e-12).ln();
+        let all: Vec<f64> = evidence.left_out.iter().map(|l| log(l[0], l[1])).collect();
+        let middle = mean(&all);
+        let variance = all.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / (r - 1.0);
+        let t = (log(loss, evidence.free) - middle) / (variance * (1.0 + 1.0 / r)).sqrt().max(1e-12);
+        return student_tail(t, r - 1.0);
+    }
+    let most_free = evidence.left_out.iter().map(|l| l[1]).fold(0.0, f64::max);
+    let own = loss - evidence.free.min(most_free);
+    let excess = evidence.left_out.iter().map(|l| l[0] - l[1]).sum::<f64>() / r;
+    fisher_tail(own / excess.max(1e-12), 1.0, r)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+fn matrix(a: &Square) -> Matrix {
+    Matrix::from_fn(a.len(), a.len(), |i, k| a[i][k])
+}
+
+fn sum(a: &Matrix, b: &Square) -> Matrix {
+    Matrix::from_fn(a.nrows(), a.ncols(), |i, k| a[(i, k)] + b[i][k])
+}
+
+fn mean_outer(all: &[Vec<f64>]) -> Matrix {
+    let size = all.first().map_or(0, Vec::len);
+    let mut out = Matrix::zeros(size, size);
+    all.iter().for_each(|x| qv_fit::linear::add_outer(&mut out, 1.0 / all.len() as f64, x));
+    out
+}
+
+fn quadratic(x: &[f64], a: &Square) -> f64 {
+    x.iter().zip(a).map(|(xi, row)| xi * dot(row, x)).sum()
+}
+
+fn quadratic_mean(all: &[Vec<f64>], information: &Square) -> f64 {
+    let k = information.len().max(1) as f64;
+    all.iter().map(|h| quadratic(h, information) / k).sum::<f64>() / all.len().max(1) as f64
+}
+
+fn trace_of_product(a: &Square, b: &Square) -> f64 {
+    (0..a.len()).map(|i| (0..a.len()).map(|k| a[i][k] * b[k][i]).sum::<f64>()).sum()
+}
+
+/// By recurrence and the asymptotic series (Abramowitz and Stegun, 6.3.18).
+fn digamma(mut x: f64) -> f64 {
+    let mut value = 0.0;
+    while x < 8.0 {
+        value -= 1.0 / x;
+        x += 1.0;
+    }
+    let s = 1.0 / (x * x);
+    value + x.ln() - 0.5 / x - s * (1.0 / 12.0 - s * (1.0 / 120.0 - s / 252.0))
+}
+
+/// The same (6.4.12).
+fn trigamma(mut x: f64) -> f64 {
+    let mut value = 0.0;
+    while x < 8.0 {
+        value += 1.0 / (x * x);
+        x += 1.0;
+    }
+    let s = 1.0 / (x * x);
+    value + 1.0 / x + 0.5 * s + s / x * (1.0 / 6.0 - s * (1.0 / 30.0 - s / 42.0))
+}
+
+/// By bisection of the logarithm.
+fn inverse_trigamma(value: f64) -> f64 {
+    let (mut low, mut high) = (1e-6f64.ln(), 1e9f64.ln());
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if trigamma(middle.exp()) > value { low = middle } else { high = middle }
+    }
+    (0.5 * (low + high)).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gamma_functions_are_those_of_the_tables() {
+        let euler = 0.577_215_664_901_532_9;
+        assert!((digamma(1.0) + euler).abs() < 1e-9 && (digamma(0.5) + euler + 2.0 * 2f64.ln()).abs() < 1e-9);
+        assert!((trigamma(1.0) - std::f64::consts::PI.powi(2) / 6.0).abs() < 1e-8);
+        assert!((inverse_trigamma(trigamma(3.7)) - 3.7).abs() < 1e-9);
+    }
+
+    #[test]
+    fn lower_losses_are_better_and_equal_ones_are_not() {
+        let other: Vec<f64> = (0..20).map(|k| 2.0 + 0.1 * f64::from(k % 5)).collect();
+        let own: Vec<f64> = other.iter().enumerate().map(|(k, x)| x - 0.8 + 0.05 * (k % 3) as f64).collect();
+        assert!(p_better(&own, &other, 1.0) < 1e-6);
+        assert!(p_better(&other, &own, 1.0) > 0.999);
+        assert!(p_better(&other, &other, 1.0) >= 0.5);
+    }
+}

@@ -1,0 +1,28 @@
+//! What can go wrong.
+
+use thiserror::Error;
+
+/// Why a recording cannot be diagnosed by its torque balance.
+#[derive(Debug, Error)]
+pub enum HeldError {
+    /// The recording lacks something.
+    #[error("cannot weigh the torques of '{what}': {reason}")]
+    Recording {
+        /// Recording or joint.
+        what: String,
+        /// Why.
+        reason: String,
+    },
+    /// Recording and model do not belong together.
+    #[error(transparent)]
+    Rollout(#[from] qv_rollout::RolloutError),
+    /// The simulator refused.
+    #[error(transparent)]
+    Sim(#[from] qv_sim::SimError),
+}
+
+impl HeldError {
+    pub(crate) fn recording(what: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self::Recording { what: what.into(), reason: reason.into() }
+    }
+}

@@ -1,0 +1,30 @@
+//! Diagnosis of robots with a fixed base by the torque balance of whole recordings.
+//!
+//! A recording becomes equations whose rows are linear in all that a robot may differ in (`balance`, `regressor`). References say how far a robot
+//! strays without a cause (`study`): recordings of it, or a fleet of faultless robots within the tolerances, simulated in closed loop with the
+//! recording's own controller (`fleet`). Every hypothesis is measured against them (`measure`): [`Evidence`] is plain data, and [`decide`] says
+//! what comes of it. Source and figures: `docs/diagnosis.md`.
+
+mod balance;
+mod decision;
+mod distribution;
+mod error;
+mod events;
+mod evidence;
+mod fleet;
+mod gram;
+mod hypothesis;
+mod measure;
+mod regressor;
+mod request;
+mod signal;
+mod slices;
+mod study;
+mod table;
+
+pub use decision::{Decision, Judgement, Outcome, Policy, decide};
+pub use error::HeldError;
+pub use evidence::{Change, Event, Evidence, HypothesisTest, JointRow, Square};
+pub use hypothesis::{Axis, Family, Hypothesis, Tolerances};
+pub use measure::{can_measure, joint_table, measure};
+pub use request::Request;
