@@ -32,14 +32,14 @@ const TURN: f64 = 0.05;
 
 /// How two channels go together.
 #[derive(Debug, Clone, Copy)]
-struct Fit {
+pub(crate) struct Fit {
     /// What one is of the other: least squares through the origin.
     slope: f64,
     correlation: f64,
 }
 
 /// `None` where `expected` stays below `least`.
-fn fit(pairs: &[(f64, f64)], least: f64) -> Option<Fit> {
+pub(crate) fn fit(pairs: &[(f64, f64)], least: f64) -> Option<Fit> {
     let known: Vec<(f64, f64)> = pairs.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
     for (expected, found) in &known {
@@ -61,7 +61,7 @@ struct Foreign {
 
 /// How values become those of this crate's convention.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Reading {
+pub(crate) enum Reading {
     /// Times this.
     Scaled(f64),
     /// Quaternions of x, y, z, w.
@@ -75,7 +75,7 @@ enum Reading {
 }
 
 /// What convention a slope is of; `None` for this crate's own, and for what is none.
-fn convention(fit: Fit) -> Option<(String, Reading)> {
+pub(crate) fn convention(fit: Fit) -> Option<(String, Reading)> {
     if fit.correlation.abs() < SAME {
         return None;
     }

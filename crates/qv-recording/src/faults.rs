@@ -1,11 +1,11 @@
 //! Finding what is wrong with a recording: missing, repeated and impossible samples.
 
 use crate::clean::median_interval;
-use crate::conventions;
 pub use crate::conventions::FASTEST_BASE;
 use crate::frozen::frozen_channels;
 use crate::mapping::Mapping;
 use crate::run::{Clock, Fault, FaultKind, Run};
+use crate::{commanded, conventions};
 use qv_core::JointSeries;
 use qv_core::statistics::median;
 use std::ops::Range;
@@ -58,6 +58,7 @@ pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
     // Where positions are not radians, nothing can be judged by them.
     if faults.iter().all(|f| f.kind != FaultKind::DegreesSuspected) {
         faults.extend(conventions::faults(run));
+        faults.extend(commanded::faults(run));
     }
     if let Some(pose) = &m.base_pose {
         jumps("base pose", pose, 0..3, FASTEST_BASE, 0.2, &mut faults);

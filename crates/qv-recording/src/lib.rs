@@ -11,6 +11,7 @@ mod bounds;
 pub mod cdr;
 mod choose;
 mod clean;
+mod commanded;
 pub mod container;
 pub mod conventions;
 pub mod definitions;

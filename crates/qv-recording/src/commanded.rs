@@ -1,0 +1,242 @@
+//! Whose commands each joint follows: joints that are exchanged in the commands, turned signs and other units.
+//!
+//! The position of each joint is correlated with the commanded position of every joint, in blocks of the recording. A joint follows its own
+//! commands unless another joint's explain it better in *every* block in which it moves; what is exchanged must come out as whole cycles. A
+//! trot commands diagonal legs alike, so they cannot be parted there: then nothing is reported.
+
+use crate::conventions::{convention, fit};
+use crate::run::{Fault, FaultKind, Run};
+use qv_core::JointSeries;
+
+/// Blocks of a recording, and in how many of them a joint must move.
+const BLOCKS: usize = 8;
+const LEAST_BLOCKS: usize = 4;
+/// Samples that are compared, at most.
+const MOST: usize = 4000;
+/// Delays of positions behind commands that are tried \[s\]: a servo follows within one of them.
+const DELAYS: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
+/// Least motion of a joint or of a command in a block (standard deviation) \[rad\].
+const LEAST_MOTION: f64 = 0.03;
+/// Correlation from which on a joint follows a command.
+const FOLLOWS: f64 = 0.8;
+/// Share of what a joint's own commands leave unexplained that another's may leave.
+const BETTER: f64 = 0.5;
+
+/// A part of the recording: the motion about its mean, `[joints][samples]`, and the commands at each of [`DELAYS`].
+struct Block {
+    positions: Vec<Motion>,
+    commands: Vec<[Motion; DELAYS.len()]>,
+}
+
+/// Samples about their mean \[rad\]; empty where they hardly move or some are missing.
+type Motion = Vec<f64>;
+
+/// Faults of the command channel: commands of another joint, of the other sign, in another unit.
+pub(crate) fn faults(run: &Run) -> Vec<Fault> {
+    let (Some(position), Some(commands)) = (&run.measured.position, &run.commands.position) else { return Vec::new() };
+    if position.joints != run.joint_names.len() || commands.joints != position.joints || commands.is_empty() {
+        return Vec::new();
+    }
+    let blocks = blocks(position, commands);
+    let exchanged = exchanged(&blocks, position.joints);
+    let detail = |joint: usize| match exchanged[joint] {
+        Some(other) => {
+            let name = &run.joint_names[other];
+            Some(format!("the joint follows the commands of {name}: exchange the columns, or the names of the joints"))
+        }
+        None => other_unit(&blocks, joint).map(|what| format!("against the joint's positions, {what}")),
+    };
+    let fault = |joint: usize| {
+        let channel = format!("commands {}", run.joint_names[joint]);
+        Some(Fault { kind: FaultKind::Convention, channel, time: run.span()[0], count: 1, detail: detail(joint)? })
+    };
+    (0..position.joints).filter_map(fault).collect()
+}
+
+fn blocks(position: &JointSeries, commands: &JointSeries) -> Vec<Block> {
+    let last = *commands.time.last().expect("commands that are not empty");
+    let known =
+        |i: &usize| position.time[*i] >= commands.time[0] + DELAYS[DELAYS.len() - 1] && position.time[*i] <= last;
+    let samples: Vec<usize> = (0..position.len()).step_by(position.len().div_ceil(MOST).max(1)).filter(known).collect();
+    let length = samples.len().div_ceil(BLOCKS).max(1);
+    samples.chunks(length).map(|rows| block(position, commands, rows)).collect()
+}
+
+fn block(position: &JointSeries, commands: &JointSeries, rows: &[usize]) -> Block {
+    let joints = 0..position.joints;
+    let commanded = |joint: usize, delay: f64| {
+        motion(rows.iter().map(|&i| commands.hold(position.time[i] - delay)[joint]).collect())
+    };
+    Block {
+        positions: joints.clone().map(|j| motion(rows.iter().map(|&i| position.row(i)[j]).collect())).collect(),
+        commands: joints.map(|j| DELAYS.map(|delay| commanded(j, delay))).collect(),
+    }
+}
+
+fn motion(mut samples: Vec<f64>) -> Motion {
+    let mean = samples.iter().sum::<f64>() / samples.len() as f64;
+    samples.iter_mut().for_each(|x| *x -= mean);
+    let moves = deviation(&samples) > LEAST_MOTION && samples.len() >= 20;
+    if moves { samples } else { Vec::new() }
+}
+
+/// Root of the mean square; NaN where a sample is missing.
+fn deviation(motion: &[f64]) -> f64 {
+    (motion.iter().map(|x| x * x).sum::<f64>() / motion.len() as f64).sqrt()
+}
+
+impl Block {
+    /// Correlation of a joint's positions with a command, and its delay: the one at which it is strongest. None where either stands still.
+    fn follows(&self, joint: usize, command: usize) -> Option<(f64, usize)> {
+        let position = &self.positions[joint];
+        let one = |delay: usize| {
+            let commanded = &self.commands[command][delay];
+            let both = !position.is_empty() && !commanded.is_empty();
+            both.then(|| (correlation(position, commanded), delay))
+        };
+        (0..DELAYS.len()).filter_map(one).max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
+    }
+}
+
+fn correlation(x: &[f64], y: &[f64]) -> f64 {
+    let product: f64 = x.iter().zip(y).map(|(x, y)| x * y).sum();
+    product / (x.len() as f64 * deviation(x) * deviation(y))
+}
+
+/// The joint whose commands each joint follows instead of its own.
+fn exchanged(blocks: &[Block], joints: usize) -> Vec<Option<usize>> {
+    let mut follows: Vec<Option<usize>> = (0..joints).map(|joint| followed(blocks, joint, joints)).collect();
+    // A joint outside of a cycle moves with another for a reason of its own.
+    for _ in 0..joints {
+        for joint in 0..joints {
+            let is_followed = follows.iter().filter(|other| **other == Some(joint)).count() == 1;
+            if follows[joint].is_some() && !is_followed {
+                follows[joint] = None;
+            }
+        }
+    }
+    let open = |joint: &usize| follows[*joint].is_some_and(|other| follows[other].is_none());
+    let lost: Vec<usize> = (0..joints).filter(open).collect();
+    lost.into_iter().for_each(|joint| follows[joint] = None);
+    follows
+}
+
+fn followed(blocks: &[Block], joint: usize, joints: usize) -> Option<usize> {
+    let own: Vec<(&Block, f64)> = blocks.iter().filter_map(|b| Some((b, b.follows(joint, joint)?.0))).collect();
+    if own.len() < LEAST_BLOCKS {
+        return None;
+    }
+    let left = |r: f64| 1.0 - r * r;
+    let explains = |other: &usize| {
+        *other != joint
+            && own.iter().all(|(block, own)| {
+                block.follows(joint, *other).is_some_and(|(r, _)| r.abs() > FOLLOWS && left(r) < BETTER * left(*own))
+            })
+    };
+    let total =
+        |other: usize| own.iter().filter_map(|(b, _)| b.follows(joint, other)).map(|(r, _)| left(r)).sum::<f64>();
+    (0..joints).filter(explains).min_by(|&a, &b| total(a).total_cmp(&total(b)))
+}
+
+/// What the commands of a joint are of its positions, where they go together and are of another sign or unit.
+fn other_unit(blocks: &[Block], joint: usize) -> Option<String> {
+    let own: Vec<(&Block, f64, usize)> =
+        blocks.iter().filter_map(|b| b.follows(joint, joint).map(|(r, delay)| (b, r, delay))).collect();
+    if own.len() < LEAST_BLOCKS || own.iter().any(|(_, r, _)| r.abs() < FOLLOWS || r * own[0].1 < 0.0) {
+        return None;
+    }
+    let pairs = own.iter().flat_map(|(block, _, delay)| {
+        block.positions[joint].iter().copied().zip(block.commands[joint][*delay].iter().copied())
+    });
+    Some(convention(fit(&pairs.collect::<Vec<_>>(), 0.0)?)?.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::{Actuator, ActuatorKind, Base, Commands, GainSource, Measurements, Robot};
+
+    const JOINTS: usize = 4;
+
+    /// Four joints that follow chirps of their own with a lag and some noise for 20 s, commanded by `commanded(joint, time)`.
+    fn run(commanded: &dyn Fn(usize, f64) -> f64) -> Run {
+        let time: Vec<f64> = (0..2000).map(|i| 0.01 * f64::from(i)).collect();
+        let series = |of: &dyn Fn(usize, f64) -> f64| {
+            let values = time.iter().flat_map(|&t| (0..JOINTS).map(move |j| of(j, t))).collect();
+            Some(JointSeries::new(time.clone(), values, JOINTS).unwrap())
+        };
+        let noise = |j: usize, t: f64| 0.01 * (713.0 * t + j as f64).sin();
+        Run {
+            robot: Robot::Named("arm".into()),
+            base: Base::Fixed,
+            joint_names: ["a", "b", "c", "d"].map(String::from).to_vec(),
+            foot_names: vec![],
+            imu_position: [0.0; 3],
+            actuator: Actuator {
+                kind: ActuatorKind::Pd,
+                kp: None,
+                kd: None,
+                tau_max: None,
+                gains: [GainSource::Stated; 2],
+            },
+            joint_parameters: vec![],
+            commands: Commands { position: series(commanded), ..Default::default() },
+            measured: Measurements {
+                position: series(&|j, t| 0.9 * wanted(j, t - 0.03) + noise(j, t)),
+                ..Default::default()
+            },
+            epoch: 0,
+            sources: vec![],
+            faults: vec![],
+            lost: vec![],
+            remarks: vec![],
+        }
+    }
+
+    fn wanted(joint: usize, time: f64) -> f64 {
+        let rate = 1.0 + 0.7 * joint as f64;
+        0.4 * (rate * time + 0.05 * time * time).sin() + 0.1 * joint as f64
+    }
+
+    fn reported(commanded: &dyn Fn(usize, f64) -> f64) -> Vec<(String, String)> {
+        faults(&run(commanded)).into_iter().map(|f| (f.channel, f.detail)).collect()
+    }
+
+    #[test]
+    fn right_commands_are_not_reported() {
+        assert_eq!(reported(&wanted), []);
+        assert_eq!(reported(&|_, _| 0.3), [], "commands that stand still");
+    }
+
+    #[test]
+    fn exchanged_joints_are_named_with_each_other() {
+        let swap = |joint: usize| [1, 0, 2, 3][joint];
+        let found = reported(&|j, t| wanted(swap(j), t));
+        assert_eq!(found.iter().map(|f| f.0.as_str()).collect::<Vec<_>>(), ["commands a", "commands b"]);
+        assert!(found[0].1.contains("commands of b") && found[1].1.contains("commands of a"), "{found:?}");
+        let turn = |joint: usize| [1, 2, 0, 3][joint];
+        assert_eq!(reported(&|j, t| wanted(turn(j), t)).len(), 3);
+    }
+
+    #[test]
+    fn signs_and_units_are_reported() {
+        let sign = |joint: usize| if joint == 2 { -1.0 } else { 1.0 };
+        let found = reported(&|j, t| sign(j) * wanted(j, t));
+        assert!(found.len() == 1 && found[0].0 == "commands c" && found[0].1.contains("sign"), "{found:?}");
+        let found = reported(&|j, t| wanted(j, t).to_degrees());
+        assert!(found.len() == JOINTS && found[0].1.contains("degrees"), "{found:?}");
+    }
+
+    #[test]
+    fn a_joint_that_moves_with_another_is_no_exchange() {
+        // c is commanded to stand and swings with d; b repeats the commands of a.
+        let stands = |joint: usize, time: f64| match joint {
+            1 => wanted(0, time),
+            joint => wanted(joint, time),
+        };
+        let mut both = run(&stands);
+        let position = both.measured.position.as_mut().unwrap();
+        position.values.chunks_exact_mut(JOINTS).for_each(|row| row[1] = row[0]);
+        assert_eq!(faults(&both), []);
+    }
+}
