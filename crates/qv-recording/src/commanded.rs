@@ -1,7 +1,7 @@
 //! Whose commands each joint follows: joints that are exchanged in the commands, turned signs and other units.
 //!
 //! The position of each joint is correlated with the commanded position of every joint, in blocks of the recording. A joint follows its own
-//! commands unless another joint's explain it better in *every* block in which it moves; what is exchanged must come out as whole cycles. A
+//! commands unless another joint's explain it better, over all and in several blocks; what is exchanged must come out as whole cycles. A
 //! trot commands diagonal legs alike, so they cannot be parted there: then nothing is reported.
 
 use crate::conventions::{convention, fit};
@@ -122,20 +122,33 @@ fn exchanged(blocks: &[Block], joints: usize) -> Vec<Option<usize>> {
 }
 
 fn followed(blocks: &[Block], joint: usize, joints: usize) -> Option<usize> {
-    let own: Vec<(&Block, f64)> = blocks.iter().filter_map(|b| Some((b, b.follows(joint, joint)?.0))).collect();
-    if own.len() < LEAST_BLOCKS {
-        return None;
-    }
-    let left = |r: f64| 1.0 - r * r;
-    let explains = |other: &usize| {
-        *other != joint
-            && own.iter().all(|(block, own)| {
-                block.follows(joint, *other).is_some_and(|(r, _)| r.abs() > FOLLOWS && left(r) < BETTER * left(*own))
-            })
+    let own = unexplained(blocks, joint, joint);
+    let others: Vec<(usize, Unexplained)> =
+        (0..joints).filter(|k| *k != joint).map(|k| (k, unexplained(blocks, joint, k))).collect();
+    let explains = |other: &&(usize, Unexplained)| {
+        let better = other.1.blocks.iter().zip(&own.blocks).filter(|(other, own)| **other < BETTER * **own).count();
+        better >= LEAST_BLOCKS && other.1.share < (BETTER * own.share).min(1.0 - FOLLOWS * FOLLOWS)
     };
-    let total =
-        |other: usize| own.iter().filter_map(|(b, _)| b.follows(joint, other)).map(|(r, _)| left(r)).sum::<f64>();
-    (0..joints).filter(explains).min_by(|&a, &b| total(a).total_cmp(&total(b)))
+    others.iter().filter(explains).min_by(|a, b| a.1.share.total_cmp(&b.1.share)).map(|(other, _)| *other)
+}
+
+/// What commands leave unexplained of a joint's motion.
+struct Unexplained {
+    /// Share of the square of the motion, over all blocks in which the joint moves.
+    share: f64,
+    /// The same of each of these blocks.
+    blocks: Vec<f64>,
+}
+
+/// A command that stands still while the joint moves explains nothing.
+fn unexplained(blocks: &[Block], joint: usize, command: usize) -> Unexplained {
+    let moving = || blocks.iter().filter(|block| !block.positions[joint].is_empty());
+    let left = |block: &Block| 1.0 - block.follows(joint, command).map_or(0.0, |(r, _)| r * r);
+    let squares: Vec<f64> = moving().map(|block| deviation(&block.positions[joint]).powi(2)).collect();
+    let blocks: Vec<f64> = moving().map(left).collect();
+    let share =
+        blocks.iter().zip(&squares).map(|(left, square)| left * square).sum::<f64>() / squares.iter().sum::<f64>();
+    Unexplained { share, blocks }
 }
 
 /// What the commands of a joint are of its positions, where they go together and are of another sign or unit.
