@@ -1,4 +1,4 @@
-//! Scenes that a name tells: `.splat`, and a glTF whose files all are the bytes behind a byte 255.
+//! Scenes that a name shows: `.splat`, and a glTF whose files all are the bytes behind a byte 255.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
 use qv_splat::files::{SplatFile, read_named};

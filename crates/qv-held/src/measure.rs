@@ -9,7 +9,7 @@ use crate::gram::{Gram, Layout, blocks, totals};
 use crate::hypothesis::{Direction, Family, Hypothesis, Nuisance, Tolerances, hypotheses, load_direction, nuisance};
 use crate::request::Request;
 use crate::slices::pieces;
-use crate::study::{Own, ReducedReference, Reduction, Reference, Study, fit, free_fit};
+use crate::study::{OwnSize, ReducedReference, Reduction, Reference, Study, fit, free_fit};
 use crate::table::joint_rows;
 use glam::DVec3;
 use qv_fit::linear::{Cholesky, Matrix, add_outer, add_scaled_matrix, product, times};
@@ -304,7 +304,7 @@ impl<'a> Target<'a> {
             }
         }
         let directions = &hypothesis.directions;
-        let of_references = |band: usize| -> Option<Vec<Own>> {
+        let of_references = |band: usize| -> Option<Vec<OwnSize>> {
             self.null.left_out.iter().map(|r| fit(&r.bands[band], directions)).collect()
         };
         let left_out: Vec<Vec<f64>> = of_references(0)?.into_iter().map(|own| own.size).collect();
@@ -416,9 +416,9 @@ impl<'a> Target<'a> {
     fn change(
         &self,
         directions: &[Direction],
-        narrow: &Own,
+        narrow: &OwnSize,
         (influences_narrow, left_out): (&[Vec<f64>], &[Vec<f64>]),
-        of_references: Option<Vec<Own>>,
+        of_references: Option<Vec<OwnSize>>,
     ) -> Option<Change> {
         let wide = fit(&self.reduced.bands[1], directions)?;
         let influences_wide = influences(&self.blocks[1], directions, &wide)?;
@@ -474,7 +474,7 @@ impl<'a> Target<'a> {
     }
 
     /// What the spread of the drives' scales adds to the covariance of a size: `sum_j sg² (S_j h)(S_j h)'`.
-    fn spread_of(&self, directions: &[Direction], own: &Own, scales: f64) -> Matrix {
+    fn spread_of(&self, directions: &[Direction], own: &OwnSize, scales: f64) -> Matrix {
         let count = own.size.len();
         let mut all = Matrix::zeros(count, count);
         let Some(factor) = Cholesky::new(&own.information) else { return all };
@@ -555,7 +555,7 @@ fn length(a: &Matrix, x: &[f64]) -> f64 {
 }
 
 /// By what each block moves a size: `M^-1 A_b'(y_b - A_b h)`.
-fn influences(blocks: &[Matrix], directions: &[Direction], own: &Own) -> Option<Vec<Vec<f64>>> {
+fn influences(blocks: &[Matrix], directions: &[Direction], own: &OwnSize) -> Option<Vec<Vec<f64>>> {
     let factor = Cholesky::new(&own.information)?;
     let rows = blocks.first()?.nrows();
     let values = values(rows, directions, &own.size);

@@ -261,7 +261,7 @@ impl<'a> Study<'a> {
 
 /// A hypothesis at its best in some sums.
 #[derive(Clone)]
-pub(crate) struct Own {
+pub(crate) struct OwnSize {
     pub size: Vec<f64>,
     /// Information in these sums.
     pub information: Matrix,
@@ -270,7 +270,7 @@ pub(crate) struct Own {
 }
 
 /// Fits directions to reduced sums; `None` where they are not distinguished.
-pub(crate) fn fit(sum: &Matrix, directions: &[Direction]) -> Option<Own> {
+pub(crate) fn fit(sum: &Matrix, directions: &[Direction]) -> Option<OwnSize> {
     let y = sum.nrows() - 1;
     let between = |a: &Direction, b: &Direction| -> f64 {
         a.iter().map(|&(i, x)| b.iter().map(|&(k, z)| x * z * sum[(i, k)]).sum::<f64>()).sum()
@@ -289,7 +289,7 @@ pub(crate) fn fit(sum: &Matrix, directions: &[Direction]) -> Option<Own> {
     let factor = Cholesky::new(&information)?;
     let size = factor.solve(&right);
     let fall = qv_fit::linear::dot(&size, &right);
-    size.iter().all(|x| x.is_finite()).then_some(Own { size, information, loss: [sum[(y, y)], sum[(y, y)] - fall] })
+    size.iter().all(|x| x.is_finite()).then_some(OwnSize { size, information, loss: [sum[(y, y)], sum[(y, y)] - fall] })
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use qv_recording::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Sour
 use qv_recording::{RecordingError, derive, median_interval};
 use serde_json::{Value, json};
 
-pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-notify\n\n\
+pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-tell\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
 #[derive(clap::Args)]

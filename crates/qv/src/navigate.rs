@@ -32,7 +32,7 @@ pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply 
     qv navigate look out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --capture yard --out out/nav/look.html\n\n\
     The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the mesh's frame. Legs are a\n\
     follower of velocities without physics; with --walk they are a robot that walks in the simulator. Built with --features gpu, train --gpu draws and learns on the graphics card.\n\
-    docs/navigation.md reports the rest.\n\n\
+    docs/navigation.md describes the rest.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage.";
 
 #[derive(clap::Args)]

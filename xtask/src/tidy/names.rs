@@ -33,7 +33,9 @@ fn in_file(source: &Source) -> Vec<String> {
         }
         let written = comments.get(number).copied().unwrap_or_default();
         for (own, field) in OWN_WORDS {
-            if words.contains(&own) || written.split(|c: char| !c.is_alphanumeric()).any(|word| word == own) {
+            if words.contains(&own)
+                || written.split(|c: char| !(c.is_alphanumeric() || "_-`".contains(c))).any(|word| word == own)
+            {
                 found.push(format!("{at}: expected a word of the field such as `{field}`, found `{own}`"));
             }
         }

@@ -146,7 +146,7 @@ impl fmt::Display for Doubt {
             Self::TooFar([level, most]) => write!(
                 f,
                 "with it the recording is {level:.1} times as far from the simulator as noise and tolerances explain; \
-                 beside something unknown a cause is remarks up to {most}"
+                 beside something unknown a cause is reported up to {most}"
             ),
         }
     }

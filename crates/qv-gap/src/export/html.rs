@@ -84,7 +84,7 @@ fn leads(leads: &[Lead]) -> String {
         return String::new();
     }
     let mut text = "<h2>What it looks most like</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap; each \
-                    line holds effects that this recording cannot notify apart.</p>"
+                    line holds effects that this recording cannot distinguish.</p>"
         .to_string();
     for lead in leads {
         let names: Vec<String> = lead.effects.iter().map(|e| words(e)).collect();

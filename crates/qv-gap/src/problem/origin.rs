@@ -24,14 +24,14 @@ pub(crate) fn brought_near(
     if is_sloped || !terrain.is_plane() {
         let remarks = format!(
             "the recording begins {:.0} m from the origin, about which slopes of the ground turn: move terrain and poses nearer, or slope and \
-             height cannot be remarks, nor what looks like them",
+             height cannot be determined, nor what looks like them",
             x.hypot(y)
         );
         return Some(remarks);
     }
     runs.iter_mut().chain(reference).for_each(|run| shift(run, [x, y]));
     Some(format!(
-        "places are remarks from where the recording begins, ({x:.3}, {y:.3}) m in its own coordinates, in calibrated.toml, too: move its \
+        "places are given from where the recording begins, ({x:.3}, {y:.3}) m in its own coordinates, in calibrated.toml, too: move its \
          poses by that before you replay it with a part of the floor that was found"
     ))
 }

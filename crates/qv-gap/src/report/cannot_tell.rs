@@ -19,7 +19,7 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
     if study.rollout.on_legs {
         remarks.push(
             "no poses of the base were measured: windows start where its legs and its IMU say that it is, feet that slip at the start of one go \
-             unnoticed, and where on the floor a cause lies cannot be remarks"
+             unnoticed, and where on the floor a cause lies cannot be determined"
                 .to_string(),
         );
     }

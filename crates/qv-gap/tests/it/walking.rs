@@ -266,7 +266,11 @@ fn single_values_that_are_missing_and_kilometres_from_the_origin_cost_nothing() 
     assert_eq!(report.verdict, Verdict::Explained, "{}", report.sentence);
     assert_eq!(report.causes[0].effect, "command_latency");
     assert!((report.causes[0].parameters[0].value - 0.012).abs() < 0.001, "{:?}", report.causes);
-    assert!(report.cannot_tell.iter().any(|line| line.starts_with("places are told from")), "{:?}", report.cannot_tell);
+    assert!(
+        report.cannot_tell.iter().any(|line| line.starts_with("places are given from")),
+        "{:?}",
+        report.cannot_tell
+    );
     let remarks = |what: &str| report.cannot_tell.iter().any(|t| t.contains(what));
     assert!(remarks("single values of positions are missing") && remarks("of base pose"), "{:?}", report.cannot_tell);
     assert!(!remarks("could be judged"), "all windows are there: {:?}", report.cannot_tell);

@@ -77,7 +77,7 @@ impl Search {
         f64::from(steps) < PATIENCE * f64::from(self.best())
     }
 
-    /// The fewest steps after which photographs that are aside were drawn as well as after any number, within [`ALIKE`]; the fewest of all
+    /// The fewest steps after which photographs that are aside were drawn as well as after any number, within `ALIKE`; the fewest of all
     /// where nothing was seen.
     pub fn best(&self) -> u32 {
         // Not a number is worse than anything.

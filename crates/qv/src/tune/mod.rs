@@ -23,7 +23,7 @@ pub const EXAMPLE: &str = "Example:\n  qv walk train --iterations 1800 --out out
     qv walk record out/walk/policy.onnx --out out/log      a made-up robot with hidden effects, in the place of yours\n  \
     qv tune out/log --policy out/walk/policy.onnx --out out/tuned\n\n\
     policy.onnx in the results is the policy trained on under what the recordings show of the robot's motors; tune.html says by how\n\
-    much it strays less, and tune.json has all figures. docs/tuning.md reports the rest.\n\n\
+    much it strays less, and tune.json has all figures. docs/tuning.md describes the rest.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 part of the recordings could not be used.";
 
 #[derive(clap::Args)]
