@@ -123,9 +123,9 @@ fn exchanged(blocks: &[Block], joints: usize) -> Vec<Option<usize>> {
 
 fn followed(blocks: &[Block], joint: usize, joints: usize) -> Option<usize> {
     let own = unexplained(blocks, joint, joint);
-    let others: Vec<(usize, Unexplained)> =
+    let others: Vec<(usize, MotionRemainder)> =
         (0..joints).filter(|k| *k != joint).map(|k| (k, unexplained(blocks, joint, k))).collect();
-    let explains = |other: &&(usize, Unexplained)| {
+    let explains = |other: &&(usize, MotionRemainder)| {
         let better = other.1.blocks.iter().zip(&own.blocks).filter(|(other, own)| **other < BETTER * **own).count();
         better >= LEAST_BLOCKS && other.1.share < (BETTER * own.share).min(1.0 - FOLLOWS * FOLLOWS)
     };
@@ -133,7 +133,7 @@ fn followed(blocks: &[Block], joint: usize, joints: usize) -> Option<usize> {
 }
 
 /// What commands leave unexplained of a joint's motion.
-struct Unexplained {
+struct MotionRemainder {
     /// Share of the square of the motion, over all blocks in which the joint moves.
     share: f64,
     /// The same of each of these blocks.
@@ -141,14 +141,14 @@ struct Unexplained {
 }
 
 /// A command that stands still while the joint moves explains nothing.
-fn unexplained(blocks: &[Block], joint: usize, command: usize) -> Unexplained {
+fn unexplained(blocks: &[Block], joint: usize, command: usize) -> MotionRemainder {
     let moving = || blocks.iter().filter(|block| !block.positions[joint].is_empty());
     let left = |block: &Block| 1.0 - block.follows(joint, command).map_or(0.0, |(r, _)| r * r);
     let squares: Vec<f64> = moving().map(|block| deviation(&block.positions[joint]).powi(2)).collect();
     let blocks: Vec<f64> = moving().map(left).collect();
     let share =
         blocks.iter().zip(&squares).map(|(left, square)| left * square).sum::<f64>() / squares.iter().sum::<f64>();
-    Unexplained { share, blocks }
+    MotionRemainder { share, blocks }
 }
 
 /// What the commands of a joint are of its positions, where they go together and are of another sign or unit.
