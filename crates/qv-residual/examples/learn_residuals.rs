@@ -5,7 +5,8 @@
 
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
-use qv_residual::fitting::fit_shared_first;
+use qv_residual::compensation::Compensation;
+use qv_residual::fitting::{Fit, fit, fit_shared_first};
 use qv_residual::hidden::{Engine, HiddenRobot, Order, wander};
 use qv_residual::identify::{FitSettings, coordinates, lane_of, tops};
 use qv_residual::log::Log;
@@ -13,6 +14,7 @@ use qv_residual::residual::reinforce::{self, ReinforceIteration, ReinforceSettin
 use qv_residual::residual::supervised::{train_position, train_torque};
 use qv_residual::residual::{ResidualNet, SupervisedSettings};
 use qv_residual::study::Study;
+use qv_residual::training_windows::TrainingWindows;
 use qv_residual::windows::{Lane, Replayer, Window, windows};
 
 type Failure = Box<dyn std::error::Error>;
@@ -38,10 +40,10 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Ten minutes under the policy.
+/// Three minutes and twenty seconds under the policy.
 fn record(hidden: &HiddenRobot, robot: &TaskRobot, file: &Checkpoint, seed: u64) -> Result<Log, Failure> {
     let task = &file.settings.task;
-    let commands: Vec<_> = (0..30).map(|k| wander(&task.commands, 20.0, seed * 100 + k)).collect();
+    let commands: Vec<_> = (0..10).map(|k| wander(&task.commands, 20.0, seed * 100 + k)).collect();
     let order =
         |(k, commands): (usize, _)| Order { commands, seconds: 20.0, place: [0.0; 2], seed: seed * 1000 + k as u64 };
     let orders: Vec<Order> = commands.iter().map(Vec::as_slice).enumerate().map(order).collect();
@@ -68,11 +70,14 @@ fn learn(name: &str, log: &Log, robot: &TaskRobot, task: &TaskSettings, methods:
     let nominal = judge(&Lane::default(), None)?;
     println!("{name}: {:.0} s, {} held-out windows, nominal {nominal:.4} rad", log.seconds(), held.len());
     let clock = cpu_seconds();
-    let identified = identify(&replayer, is_held)?;
+    let (identified, fitted) = identify(&replayer, is_held)?;
     let notify = |what: &str, error: f64, clock: f64| {
         println!("  {what:<34} {error:.4} rad {:.2} of nominal {:6.1} CPU s", error / nominal, cpu_seconds() - clock);
     };
     notify("identified", judge(&identified, None)?, clock);
+    let clock = cpu_seconds();
+    let shaped = fit_shapes(&replayer, &fitted, is_held)?;
+    notify("identified + shapes", shaped.replay(&replayer, &held, 50)?.joints(), clock);
     let training = windows(log, 25, |k| !is_held(k));
     for (on, lane) in [("nominal", Lane::default()), ("identified", identified)] {
         for method in methods.split(',') {
@@ -134,12 +139,26 @@ fn train(method: &str, replayer: &Replayer, training: &[Window], lane: &Lane) ->
     })
 }
 
-fn identify(replayer: &Replayer, is_held: impl Fn(usize) -> bool) -> Result<Lane, Failure> {
-    let settings = FitSettings::default();
+/// Parameters in rollouts: fewer windows than tuning has, for there are ten robots to fit.
+fn identify(replayer: &Replayer, is_held: impl Fn(usize) -> bool) -> Result<(Lane, Fit), Failure> {
+    let settings = FitSettings { windows: 48, steps: 6, ..Default::default() };
     let coordinates = coordinates(replayer, &settings.prior, &tops(replayer), false)?;
     let study = Study::new(replayer.log, replayer.robot, replayer.terrain, settings.windows, &|k, _| !is_held(k))?;
     let fit = fit_shared_first(&study, coordinates, &settings, &mut |_, _| {})?;
-    Ok(lane_of(&fit.coordinates, &fit.point, 0, replayer.log.joints))
+    Ok((lane_of(&fit.coordinates, &fit.point, 0, replayer.log.joints), fit))
+}
+
+/// Torques of known shapes beside the parameters, in the simulator of the training.
+fn fit_shapes(replayer: &Replayer, from: &Fit, is_held: impl Fn(usize) -> bool) -> Result<Compensation, Failure> {
+    let settings = FitSettings { windows: 80, steps: 5, ..Default::default() };
+    let coordinates = coordinates(replayer, &settings.prior, &tops(replayer), true)?;
+    let all = windows(replayer.log, settings.length, |k| !is_held(k));
+    let count = all.len().min(settings.windows);
+    let windows = (0..count).map(|k| all[k * all.len() / count]).collect();
+    let windows = TrainingWindows { replayer, windows, length: settings.length };
+    let start = from.at(&coordinates);
+    let fit = fit(&windows, coordinates, &start, settings.steps, &mut |_, _| {})?;
+    Ok(Compensation::of_fit("shapes", replayer, &fit.coordinates, &fit.point, &fit.deviations, 0.0)?)
 }
 
 /// CPU time of this process \[s\]; 0 where the system does not show it.
