@@ -77,19 +77,9 @@ pub(crate) const TERMS: [Term; 17] = [
     Term::Limit,
 ];
 
-/// Terms of the balance of a joint, and of the law of its motor.
-const OF_BALANCE: [Term; 10] = [
-    Term::Coulomb,
-    Term::Stribeck,
-    Term::Viscous,
-    Term::Drag,
-    Term::Load,
-    Term::Offset,
-    Term::Armature,
-    Term::Spring,
-    Term::TorqueScale,
-    Term::StateLatency,
-];
+/// Terms of the balance of a joint: the first ten.
+const OF_BALANCE: &[Term] = TERMS.split_at(10).0;
+/// Terms of the law of its motor.
 const OF_LAW: [Term; 9] = [
     Term::KpScale,
     Term::KdScale,

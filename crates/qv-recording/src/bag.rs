@@ -4,9 +4,7 @@ use crate::choose::{TopicChoice, choose_robot, choose_streams};
 use crate::clean::{Samples, columns, median_interval, put_in_order};
 use crate::container::read_messages;
 use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping, state_stream};
-use crate::run::{
-    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, GainSource, Loss, Measurements, Robot, Run, Source,
-};
+use crate::run::{Base, Clock, Commands, Fault, FaultKind, Loss, Robot, Run, Source};
 use crate::stream::{ChannelInfo, MessageSink};
 use crate::topic::{Collector, SECOND, Topic};
 use crate::{RecordingError, faults, gains, imu};
@@ -188,26 +186,11 @@ fn add_gains(run: &mut Run, mapping: &Mapping) {
 
 fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
     Run {
-        robot: Robot::Named(mapping.robot.clone()),
-        base: Base::Free,
-        joint_names: mapping.joint_names.clone(),
         foot_names: mapping.foot_names.clone(),
         imu_position: mapping.imu_position,
-        actuator: Actuator {
-            kind: ActuatorKind::Pd,
-            kp: None,
-            kd: None,
-            tau_max: None,
-            gains: [GainSource::Stated; 2],
-        },
-        joint_parameters: vec![Default::default(); mapping.joint_names.len()],
-        commands: Commands::default(),
-        measured: Measurements::default(),
         epoch,
         sources,
-        faults: Vec::new(),
-        lost: Vec::new(),
-        remarks: Vec::new(),
+        ..Run::empty(Robot::Named(mapping.robot.clone()), Base::Free, mapping.joint_names.clone())
     }
 }
 

@@ -167,7 +167,7 @@ fn other_unit(blocks: &[Block], joint: usize) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::{Actuator, ActuatorKind, Base, Commands, GainSource, Measurements, Robot};
+    use crate::run::{Base, Robot};
 
     const JOINTS: usize = 4;
 
@@ -179,31 +179,11 @@ mod tests {
             Some(JointSeries::new(time.clone(), values, JOINTS).unwrap())
         };
         let noise = |j: usize, t: f64| 0.01 * (713.0 * t + j as f64).sin();
-        Run {
-            robot: Robot::Named("arm".into()),
-            base: Base::Fixed,
-            joint_names: ["a", "b", "c", "d"].map(String::from).to_vec(),
-            foot_names: vec![],
-            imu_position: [0.0; 3],
-            actuator: Actuator {
-                kind: ActuatorKind::Pd,
-                kp: None,
-                kd: None,
-                tau_max: None,
-                gains: [GainSource::Stated; 2],
-            },
-            joint_parameters: vec![],
-            commands: Commands { position: series(commanded), ..Default::default() },
-            measured: Measurements {
-                position: series(&|j, t| 0.9 * wanted(j, t - 0.03) + noise(j, t)),
-                ..Default::default()
-            },
-            epoch: 0,
-            sources: vec![],
-            faults: vec![],
-            lost: vec![],
-            remarks: vec![],
-        }
+        let names = ["a", "b", "c", "d"].map(String::from).to_vec();
+        let mut run = Run::empty(Robot::Named("arm".into()), Base::Fixed, names);
+        run.commands.position = series(commanded);
+        run.measured.position = series(&|j, t| 0.9 * wanted(j, t - 0.03) + noise(j, t));
+        run
     }
 
     fn wanted(joint: usize, time: f64) -> f64 {

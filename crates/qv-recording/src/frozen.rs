@@ -184,7 +184,7 @@ pub(crate) fn replace(slot: &mut Option<JointSeries>, column: usize, by: Option<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::{Actuator, ActuatorKind, Base, Commands, GainSource, Measurements, Robot};
+    use crate::run::{Base, Robot};
 
     /// Two joints that swing for 10 s, their torques, and a gyro.
     fn run() -> Run {
@@ -194,28 +194,7 @@ mod tests {
                 time.iter().flat_map(|t| (0..columns).map(move |c| size * (3.0 * t + c as f64).sin())).collect();
             Some(JointSeries::new(time.clone(), values, columns).unwrap())
         };
-        let mut run = Run {
-            robot: Robot::Named("arm".into()),
-            base: Base::Free,
-            joint_names: vec!["a".into(), "b".into()],
-            foot_names: vec![],
-            imu_position: [0.0; 3],
-            actuator: Actuator {
-                kind: ActuatorKind::Pd,
-                kp: None,
-                kd: None,
-                tau_max: None,
-                gains: [GainSource::Stated; 2],
-            },
-            joint_parameters: vec![],
-            commands: Commands::default(),
-            measured: Measurements::default(),
-            epoch: 0,
-            sources: vec![],
-            faults: vec![],
-            lost: vec![],
-            remarks: vec![],
-        };
+        let mut run = Run::empty(Robot::Named("arm".into()), Base::Free, vec!["a".into(), "b".into()]);
         let m = &mut run.measured;
         (m.position, m.velocity, m.torque, m.gyro) = (series(2, 0.5), series(2, 1.5), series(2, 4.0), series(3, 0.3));
         run

@@ -285,6 +285,32 @@ pub struct Run {
 }
 
 impl Run {
+    /// A run in which nothing is recorded yet, of PD actuators whose gains stand in the commands.
+    pub fn empty(robot: Robot, base: Base, joint_names: Vec<String>) -> Self {
+        Self {
+            robot,
+            base,
+            foot_names: Vec::new(),
+            imu_position: [0.0; 3],
+            actuator: Actuator {
+                kind: ActuatorKind::Pd,
+                kp: None,
+                kd: None,
+                tau_max: None,
+                gains: [GainSource::Stated; 2],
+            },
+            joint_parameters: vec![JointParameters::default(); joint_names.len()],
+            joint_names,
+            commands: Commands::default(),
+            measured: Measurements::default(),
+            epoch: 0,
+            sources: Vec::new(),
+            faults: Vec::new(),
+            lost: Vec::new(),
+            remarks: Vec::new(),
+        }
+    }
+
     /// Number of joints `n`.
     pub fn joints(&self) -> usize {
         self.joint_names.len()

@@ -13,7 +13,7 @@ use qv_policy::policy::Policy;
 use qv_policy::score::Decide;
 use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings};
 use qv_recording::Run;
-use qv_recording::run::{Actuator, ActuatorKind, Base, GainSource, JointParameters, Measurements, Robot};
+use qv_recording::run::{Base, Measurements, Robot};
 #[cfg(feature = "rapier")]
 use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{Batch, JointCommand, Model, SensorReading, SimOptions, State};
@@ -363,19 +363,7 @@ impl Recorder {
             joints: list.len(),
         };
         Run {
-            robot: Robot::Named(robot.name.clone()),
-            base: Base::Free,
-            joint_names: robot.model.joint_names().to_vec(),
-            foot_names: Vec::new(),
             imu_position: frame.map_or([0.0; 3], |f| f.link_from_frame.position.to_array()),
-            actuator: Actuator {
-                kind: ActuatorKind::Pd,
-                kp: None,
-                kd: None,
-                tau_max: None,
-                gains: [GainSource::Stated; 2],
-            },
-            joint_parameters: vec![JointParameters::default(); robot.joints()],
             commands: qv_recording::run::Commands {
                 position: kept(self.commands),
                 kp: Some(constant(&robot.kp)),
@@ -391,11 +379,7 @@ impl Recorder {
                 base_pose: kept(self.pose),
                 ..Default::default()
             },
-            epoch: 0,
-            sources: Vec::new(),
-            faults: Vec::new(),
-            lost: Vec::new(),
-            remarks: Vec::new(),
+            ..Run::empty(Robot::Named(robot.name.clone()), Base::Free, robot.model.joint_names().to_vec())
         }
     }
 }

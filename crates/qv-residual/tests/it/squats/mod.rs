@@ -4,7 +4,7 @@ use qv_core::JointSeries;
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_recording::Run;
-use qv_recording::run::{Actuator, ActuatorKind, Base, GainSource, JointParameters, Measurements, Robot};
+use qv_recording::run::{Base, Measurements, Robot};
 use qv_residual::log::{Log, Stretch};
 use qv_residual::windows::Replayer;
 use qv_sim::{Batch, BatchCommand, JointCommand, SimOptions, State, Terrain};
@@ -108,19 +108,6 @@ fn recording(robot: &TaskRobot, parameters: &[(&str, f64)], k: u64, (rate, noise
     }
     let constant = |values: Vec<f64>| Some(JointSeries { time: vec![0.0], values, joints });
     Run {
-        robot: Robot::Named(robot.name.clone()),
-        base: Base::Free,
-        joint_names: robot.model.joint_names().to_vec(),
-        foot_names: Vec::new(),
-        imu_position: [0.0; 3],
-        actuator: Actuator {
-            kind: ActuatorKind::Pd,
-            kp: None,
-            kd: None,
-            tau_max: None,
-            gains: [GainSource::Stated; 2],
-        },
-        joint_parameters: vec![JointParameters::default(); joints],
         commands: qv_recording::run::Commands {
             position: Some(command),
             kp: constant(kp),
@@ -135,10 +122,6 @@ fn recording(robot: &TaskRobot, parameters: &[(&str, f64)], k: u64, (rate, noise
             base_pose: Some(pose),
             ..Default::default()
         },
-        epoch: 0,
-        sources: Vec::new(),
-        faults: Vec::new(),
-        lost: Vec::new(),
-        remarks: Vec::new(),
+        ..Run::empty(Robot::Named(robot.name.clone()), Base::Free, robot.model.joint_names().to_vec())
     }
 }
