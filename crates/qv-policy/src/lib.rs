@@ -25,7 +25,6 @@ pub use {glam, qv_core};
 
 pub mod adam;
 mod checkpoint;
-pub mod compensate;
 pub mod distribution;
 pub mod env;
 mod error;
@@ -39,6 +38,7 @@ pub mod policy;
 pub mod ppo;
 pub mod roll;
 pub mod score;
+pub mod shape_torques;
 pub mod train;
 pub mod velocity;
 

@@ -1,7 +1,6 @@
 //! Hidden robots walk ten minutes each, the loop is closed on their recordings, and the hidden robots walk again. One line of JSON for each:
-//! `close_the_loop CHECKPOINT.bin inside|outside|nothing FIRST_SEED LAST_SEED [--robot FILE.toml] [--bumps METRES] [--flat] [--seed N] [--no-nets]`.
-//! With `--bumps` they walk on bumps up to so high; with `--flat` replays are then on a plane nevertheless. `--seed` is that of the training. `--no-nets`
-//! tries identified parameters and torques of known shapes alone.
+//! `close_the_loop CHECKPOINT.bin inside|outside|nothing FIRST_SEED LAST_SEED [--robot FILE.toml] [--bumps METRES] [--flat] [--seed N]`.
+//! With `--bumps` they walk on bumps up to so high; with `--flat` replays are then on a plane nevertheless. `--seed` is that of the training.
 
 use qv_policy::policy::Policy;
 use qv_policy::train::Checkpoint;
@@ -28,11 +27,10 @@ struct Arguments {
     bumps: Option<f32>,
     is_flat: bool,
     seed: u64,
-    has_nets: bool,
 }
 
 fn arguments() -> Result<Arguments, Failure> {
-    let mut found = Arguments { plain: Vec::new(), robot: None, bumps: None, is_flat: false, seed: 0, has_nets: true };
+    let mut found = Arguments { plain: Vec::new(), robot: None, bumps: None, is_flat: false, seed: 0 };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or(format!("expected a value after {word}"));
@@ -41,7 +39,6 @@ fn arguments() -> Result<Arguments, Failure> {
             "--bumps" => found.bumps = Some(value()?.parse()?),
             "--seed" => found.seed = value()?.parse()?,
             "--flat" => found.is_flat = true,
-            "--no-nets" => found.has_nets = false,
             _ => found.plain.push(word),
         }
     }
@@ -63,7 +60,6 @@ fn main() -> Result<(), Failure> {
     let robot = robot(given.robot.as_ref())?;
     let mut settings = LoopSettings::default();
     settings.tune.seed = given.seed;
-    settings.nets.tried = given.has_nets;
     for seed in first.parse::<u64>()?..=last.parse()? {
         let ground = given.bumps.map_or_else(|| Ok(Ground::plane()), |height| Ground::bumps(height, seed))?;
         let plane = Ground::plane();

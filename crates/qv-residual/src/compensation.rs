@@ -1,11 +1,10 @@
 //! What was learnt of a robot, as a file: every candidate has this form, and simulator, replay and training read nothing else.
 
 use crate::ResidualError;
-use crate::basis::SHAPES;
-use crate::identify::{Coordinate, basis, shapes_of, values_of};
-use crate::residual::ResidualNet;
+use crate::identify::{Coordinate, shapes_of, values_of};
 use crate::tune::CorrectedSimulator;
 use crate::windows::{Errors, Lane, Replayer, Window};
+use qv_policy::shape_torques::{SHAPES, ShapeTorques};
 use qv_policy::velocity::TaskRobot;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -27,12 +26,9 @@ pub struct Compensation {
     /// Ranges within which they are uncertain.
     #[serde(default)]
     pub ranges: BTreeMap<String, [f64; 2]>,
-    /// Numbers of the torque's shapes, `[joints][shapes]`, see [`crate::basis`]; empty = none.
+    /// Numbers of the torque's shapes, `[joints][shapes]`, see [`qv_policy::shape_torques`]; empty = none.
     #[serde(default)]
     pub shapes: Vec<f32>,
-    /// A net that was taught on replays; with it there are no shapes.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub net: Option<ResidualNet>,
 }
 
 impl Compensation {
@@ -108,12 +104,6 @@ impl Compensation {
         if !self.shapes.is_empty() && self.shapes.len() != count {
             return Err(ResidualError::input("compensator.json", format!("{count} `shapes`"), self.shapes.len()));
         }
-        if let Some(net) = &self.net {
-            if !self.shapes.is_empty() {
-                return Err(ResidualError::input("compensator.json", "`shapes` or a `net`", "both"));
-            }
-            net.check(robot, net.kind)?;
-        }
         let numbers = self.parameters.values().chain(self.ranges.values().flatten()).copied();
         match numbers.chain(self.shapes.iter().map(|&x| f64::from(x))).find(|x| !x.is_finite()) {
             Some(bad) => Err(ResidualError::input("compensator.json", "finite numbers", bad)),
@@ -121,16 +111,10 @@ impl Compensation {
         }
     }
 
-    /// For the training of a policy at so many physics steps a decision.
-    ///
-    /// # Errors
-    /// When the net is another robot's.
-    pub fn corrected(&self, robot: &TaskRobot, substeps: usize) -> Result<CorrectedSimulator, ResidualError> {
-        let compensator = match &self.net {
-            Some(net) => Some(net.compensator(robot, substeps, 1)?),
-            None => (!self.shapes.is_empty()).then(|| basis(robot, self.shapes.clone())),
-        };
-        Ok(CorrectedSimulator { parameters: self.parameters.clone(), ranges: self.ranges.clone(), compensator })
+    /// For the training of a policy.
+    pub fn corrected(&self, robot: &TaskRobot) -> CorrectedSimulator {
+        let torques = (!self.shapes.is_empty()).then(|| ShapeTorques::new(robot, self.shapes.clone()));
+        CorrectedSimulator { parameters: self.parameters.clone(), ranges: self.ranges.clone(), torques }
     }
 
     /// A lane of replays with the parameters.
@@ -153,8 +137,6 @@ impl Compensation {
     pub fn replay(&self, replayer: &Replayer, windows: &[Window], length: usize) -> Result<Errors, ResidualError> {
         let lane = self.lane(replayer)?;
         let lanes: Vec<Lane> = (0..windows.len()).map(|window| Lane { window, ..lane.clone() }).collect();
-        let corrected = self.corrected(replayer.robot, replayer.log.substeps)?;
-        let compensator = corrected.compensator.map(|c| c.for_count(lanes.len()));
-        replayer.replay(windows, &lanes, length, compensator)
+        replayer.replay(windows, &lanes, length, self.corrected(replayer.robot).torques.as_ref())
     }
 }

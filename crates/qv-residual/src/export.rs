@@ -1,20 +1,18 @@
 //! `compensator.onnx`: what is added to a simulator beside its parameters, for those who train elsewhere.
 
 use crate::ResidualError;
-use crate::basis::{NEAR_REST, SHAPES, TURN};
 use crate::compensation::Compensation;
 use qv_policy::PolicyError;
 use qv_policy::onnx::GraphBuilder;
+use qv_policy::shape_torques::{NEAR_REST, SHAPES, TURN};
 use qv_policy::velocity::TaskRobot;
 
 impl Compensation {
-    /// The file `compensator.onnx`. Its form follows from what was learnt:
+    /// The file `compensator.onnx`: torques to be added to those of the motors (zero where parameters alone were learnt).
     ///
-    /// | learnt | input, f32 | output, f32 |
-    /// |---|---|---|
-    /// | torques of known shapes, or parameters alone (the output is then zero) | `motion` `[n, 3 joints]`: angles from the stand \[rad\], speeds \[rad/s\], the motors' torques \[N m\] | `torque` `[n, joints]` \[N m\], to be added |
-    /// | a net of torques | `state`, a row for each joint, see [`crate::residual::TorqueResidual`] | `correction` `[n, 1]` \[rad\], to be multiplied by the joint's position gain |
-    /// | a net of targets | `state`, see [`crate::residual::PositionResidual`] | `correction` `[n, joints]` \[rad\], to be added to the targets |
+    /// | input, f32 | output, f32 |
+    /// |---|---|
+    /// | `motion` `[n, 3 joints]`: angles from the stand \[rad\], speeds \[rad/s\], the motors' torques \[N m\] | `torque` `[n, joints]` \[N m\] |
     ///
     /// The simulator's parameters are in the file as text (`parameters`, JSON).
     ///
@@ -22,26 +20,20 @@ impl Compensation {
     /// When it is another robot's or a number is not finite.
     pub fn to_onnx(&self, robot: &TaskRobot) -> Result<Vec<u8>, ResidualError> {
         self.check(robot)?;
-        let parameters = ("parameters".to_owned(), serde_json::to_string(&self.parameters).unwrap_or_default());
-        match &self.net {
-            Some(net) => net.to_onnx(robot, &[parameters]),
-            None => {
-                let text = |key: &str, value: String| (key.to_owned(), value);
-                let metadata = [
-                    text("robot", self.robot.clone()),
-                    text("joints", self.joints.join(" ")),
-                    text("stand", format!("{:?}", robot.stand)),
-                    parameters,
-                ];
-                let zero = vec![0.0; robot.joints() * SHAPES.len()];
-                let numbers = if self.shapes.is_empty() { &zero } else { &self.shapes };
-                Ok(shapes(robot, numbers, &metadata).map_err(PolicyError::from)?)
-            }
-        }
+        let text = |key: &str, value: String| (key.to_owned(), value);
+        let metadata = [
+            text("robot", self.robot.clone()),
+            text("joints", self.joints.join(" ")),
+            text("stand", format!("{:?}", robot.stand)),
+            text("parameters", serde_json::to_string(&self.parameters).unwrap_or_default()),
+        ];
+        let zero = vec![0.0; robot.joints() * SHAPES.len()];
+        let numbers = if self.shapes.is_empty() { &zero } else { &self.shapes };
+        Ok(shapes(robot, numbers, &metadata).map_err(PolicyError::from)?)
     }
 }
 
-/// The graph of [`crate::basis::shapes`], and their sum within the largest torque.
+/// The graph of [`qv_policy::shape_torques::shapes`], and their sum within the largest torque.
 fn shapes(
     robot: &TaskRobot,
     numbers: &[f32],

@@ -1,10 +1,8 @@
 //! Parameters of the simulator that a fit may move: names, ranges and priors.
 
 use crate::ResidualError;
-use crate::basis::{BasisTorque, SHAPES};
 use crate::windows::{Lane, Replayer};
-use qv_policy::compensate::Compensator;
-use qv_policy::velocity::TaskRobot;
+use qv_policy::shape_torques::SHAPES;
 use qv_rollout::name_parts;
 use qv_sim::Batch;
 use serde::{Deserialize, Serialize};
@@ -283,11 +281,6 @@ impl Default for FitSettings {
     fn default() -> Self {
         Self { windows: 160, length: 20, steps: 8, prior: Prior::default() }
     }
-}
-
-/// The shapes as a compensator, for a robot.
-pub fn basis(robot: &TaskRobot, numbers: Vec<f32>) -> Box<dyn Compensator> {
-    Box::new(BasisTorque { stand: robot.stand.clone(), most: vec![robot.torque_scale(); robot.joints()], numbers })
 }
 
 /// Largest torques that the recordings ask of each joint \[N m\]: of PD at measured states.

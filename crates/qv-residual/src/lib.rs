@@ -1,12 +1,11 @@
 //! Closes the loop: learns from recordings what a simulator lacks of a robot, and trains the walking policy on under it.
 //!
-//! [`log`] cuts recordings to decisions of the policy; [`identify`] names parameters and [`basis`] torques, [`fitting`] finds them: in
+//! [`log`] cuts recordings to decisions of the policy; [`identify`] names parameters and torques, [`fitting`] finds them: in
 //! rollouts ([`study`]), and in the simulator of the training ([`training_windows`]), which replays [`windows`] in many lanes. See `docs/tuning.md`.
 
 /// Types of this stand in the interface of this crate.
 pub use qv_core;
 
-pub mod basis;
 pub mod calibrate;
 pub mod close;
 pub mod compensation;
@@ -18,7 +17,6 @@ pub mod hidden;
 pub mod identify;
 pub mod log;
 pub mod paths;
-pub mod residual;
 pub mod study;
 pub mod training_windows;
 pub mod tune;

@@ -2,9 +2,10 @@
 
 use crate::ResidualError;
 use crate::fitting::Windows;
-use crate::identify::{Coordinate, basis, lane_of, shapes_of};
+use crate::identify::{Coordinate, lane_of, shapes_of};
 use crate::windows::{BASE_CHANNELS, Errors, Lane, Replayer, Window};
 use qv_fit::Blocks;
+use qv_policy::shape_torques::ShapeTorques;
 
 /// Lanes at once: more would not fit the cache and memory better.
 const LANES: usize = 8192;
@@ -31,8 +32,8 @@ impl TrainingWindows<'_> {
         let each = (first..first + count).flat_map(|window| points.iter().map(move |point| (window, point)));
         let lanes: Vec<Lane> = each.clone().map(|(w, p)| lane_of(coordinates, p, w, joints)).collect();
         let numbers: Vec<f32> = each.flat_map(|(_, p)| shapes_of(coordinates, p, joints)).collect();
-        let compensator = (!numbers.is_empty()).then(|| basis(self.replayer.robot, numbers));
-        self.replayer.replay(&self.windows, &lanes, self.length, compensator)
+        let torques = (!numbers.is_empty()).then(|| ShapeTorques::new(self.replayer.robot, numbers));
+        self.replayer.replay(&self.windows, &lanes, self.length, torques.as_ref())
     }
 }
 

@@ -3,8 +3,8 @@
 use crate::ResidualError;
 use crate::calibrate::{calibrated, response};
 use crate::paths::{PathScore, SECONDS, commands, walk};
-use qv_policy::compensate::Compensator;
 use qv_policy::policy::Policy;
+use qv_policy::shape_torques::ShapeTorques;
 use qv_policy::train::{Checkpoint, Line, TrainSettings, Training};
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
 use serde::{Deserialize, Serialize};
@@ -65,14 +65,14 @@ pub struct CorrectedSimulator {
     pub parameters: BTreeMap<String, f64>,
     /// Ranges within which robots differ in training.
     pub ranges: BTreeMap<String, [f64; 2]>,
-    /// What it lacks beside them.
-    pub compensator: Option<Box<dyn Compensator>>,
+    /// Torques that it lacks beside them.
+    pub torques: Option<ShapeTorques>,
 }
 
 impl CorrectedSimulator {
     /// The simulator as it is.
     pub fn nominal() -> Self {
-        Self { parameters: BTreeMap::new(), ranges: BTreeMap::new(), compensator: None }
+        Self { parameters: BTreeMap::new(), ranges: BTreeMap::new(), torques: None }
     }
 
     /// The task of a training, with these corrections.
@@ -109,7 +109,7 @@ pub fn train_on(
     // The best is chosen by paths, below.
     train.score_every = 1 << 40;
     let mut training = Training::new(robot, ground, &train)?;
-    training.task_mut().set_compensator(corrected.compensator.as_ref().map(|c| c.for_count(settings.robots)));
+    training.task_mut().set_shape_torques(corrected.torques.clone());
     training.start_from(&with_best(start))?;
     training.ppo_mut().set_std(settings.std);
     let mut judge = judge_of(robot, ground, &start.settings.task, corrected, settings.walks)?;
@@ -163,7 +163,7 @@ pub fn judge_of(
     walks: usize,
 ) -> Result<VelocityTask, ResidualError> {
     let mut judge = VelocityTask::new(robot.clone(), ground.clone(), corrected.task(task), walks)?;
-    judge.set_compensator(corrected.compensator.as_ref().map(|c| c.for_count(walks)));
+    judge.set_shape_torques(corrected.torques.clone());
     Ok(judge)
 }
 

@@ -2,7 +2,7 @@
 
 use crate::ResidualError;
 use crate::log::Log;
-use qv_policy::compensate::{Compensator, SimulatedStates};
+use qv_policy::shape_torques::ShapeTorques;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_sim::{Batch, BatchCommand, JointCommand, LineSearch, SimOptions, State, Terrain};
 use rayon::prelude::*;
@@ -169,7 +169,7 @@ impl<'a> Replayer<'a> {
     }
 
     /// The recorded targets of a physics step, `[joints]` \[rad\].
-    pub(crate) fn targets(&self, at: Window, substep: usize) -> &'a [f32] {
+    fn targets(&self, at: Window, substep: usize) -> &'a [f32] {
         let from = (at.decision * self.log.substeps + substep) * self.log.joints;
         &self.log.stretches[at.stretch].targets[from..][..self.log.joints]
     }
@@ -183,7 +183,7 @@ impl<'a> Replayer<'a> {
         batch: &mut Batch<f32>,
         windows: &[Window],
         lanes: &[Lane],
-        compensator: &mut Option<Box<dyn Compensator>>,
+        torques: Option<&ShapeTorques>,
     ) -> Result<(), ResidualError> {
         let joints = self.log.joints;
         let wide = |list: &[f32]| list.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
@@ -194,15 +194,12 @@ impl<'a> Replayer<'a> {
             }
             let window = windows[lane.window];
             batch.set_state(env, &self.start(window, WARM, &lane.bias))?;
-            if let Some(compensator) = compensator {
-                compensator.begin(env);
-            }
             let q = wide(self.targets(Window { decision: window.decision - WARM, ..window }, 0));
             batch.set_command(env, &JointCommand { q: &q, dq: &zero, kp: &kp, kd: &kd, tau: &zero })?;
         }
         let mut run = Running::new(self, lanes.len());
         for decision in 0..WARM {
-            run.decide(batch, windows, lanes, compensator, decision, WARM)?;
+            run.decide(batch, windows, lanes, torques, decision, WARM)?;
         }
         let starts: Vec<State> = lanes.par_iter().map(|lane| self.start(windows[lane.window], 0, &lane.bias)).collect();
         for (env, start) in starts.iter().enumerate() {
@@ -220,10 +217,10 @@ impl<'a> Replayer<'a> {
         windows: &[Window],
         lanes: &[Lane],
         length: usize,
-        mut compensator: Option<Box<dyn Compensator>>,
+        torques: Option<&ShapeTorques>,
     ) -> Result<Errors, ResidualError> {
         let mut batch = self.batch(lanes.len())?;
-        self.begin(&mut batch, windows, lanes, &mut compensator)?;
+        self.begin(&mut batch, windows, lanes, torques)?;
         let channels = self.log.joints + BASE_CHANNELS;
         let mut errors =
             Errors { lanes: lanes.len(), length, channels, values: vec![0.0; lanes.len() * length * channels] };
@@ -233,7 +230,7 @@ impl<'a> Replayer<'a> {
             run.q.chunks_exact(7 + self.log.joints).map(|q| std::array::from_fn(|k| q[k])).collect()
         };
         for decision in 0..length {
-            run.decide(&mut batch, windows, lanes, &mut compensator, decision, 0)?;
+            run.decide(&mut batch, windows, lanes, torques, decision, 0)?;
             batch.read_positions(&mut run.q)?;
             let rows = errors.values.par_chunks_exact_mut(length * channels).zip(lanes).zip(&starts);
             let q = &run.q;
@@ -288,41 +285,27 @@ fn rotation_of(q: &[f32]) -> [f32; 2] {
 }
 
 /// Work space of a replay that runs.
-pub(crate) struct Running<'a> {
+struct Running<'a> {
     replayer: &'a Replayer<'a>,
-    pub q: Vec<f32>,
-    pub v: Vec<f32>,
-    pub torques: Vec<f32>,
-    pub forces: Vec<f32>,
+    q: Vec<f32>,
+    v: Vec<f32>,
+    torques: Vec<f32>,
     asked: Vec<f32>,
-    sent: Vec<f32>,
     added: Vec<f32>,
 }
 
 impl<'a> Running<'a> {
     pub fn new(replayer: &'a Replayer<'a>, lanes: usize) -> Self {
-        let (joints, shapes) = (replayer.log.joints, replayer.robot.model.geoms.len());
+        let joints = replayer.log.joints;
         let zeros = |width: usize| vec![0.0; lanes * width];
         Self {
             replayer,
             q: zeros(7 + joints),
             v: zeros(6 + joints),
             torques: zeros(joints),
-            forces: zeros(3 * shapes),
             asked: zeros(joints),
-            sent: zeros(joints),
             added: zeros(joints),
         }
-    }
-
-    fn look(&mut self, batch: &Batch<f32>, forces: bool) -> Result<(), ResidualError> {
-        batch.read_positions(&mut self.q)?;
-        batch.read_velocities(&mut self.v)?;
-        batch.read_torques(&mut self.torques)?;
-        if forces {
-            batch.read_geom_forces(&mut self.forces)?;
-        }
-        Ok(())
     }
 
     /// One decision of all lanes, `decision` after the window's start less `before`.
@@ -331,43 +314,26 @@ impl<'a> Running<'a> {
         batch: &mut Batch<f32>,
         windows: &[Window],
         lanes: &[Lane],
-        compensator: &mut Option<Box<dyn Compensator>>,
+        torques: Option<&ShapeTorques>,
         decision: usize,
         before: usize,
     ) -> Result<(), ResidualError> {
         let (replayer, joints) = (self.replayer, self.replayer.log.joints);
-        let mut moved = Vec::new();
         for substep in 0..replayer.log.substeps {
             for (lane, asked) in lanes.iter().zip(self.asked.chunks_exact_mut(joints)) {
                 let window = windows[lane.window];
                 let at = Window { decision: window.decision + decision - before, ..window };
                 asked.copy_from_slice(replayer.targets(at, substep));
             }
-            self.sent.copy_from_slice(&self.asked);
-            if let Some(compensator) = compensator {
-                if substep == 0 || compensator.adds_torques() {
-                    self.look(batch, substep == 0)?;
-                }
-                let seen = |targets| SimulatedStates {
-                    q: &self.q,
-                    v: &self.v,
-                    torques: &self.torques,
-                    forces: &self.forces,
-                    targets,
-                };
-                if substep == 0 {
-                    compensator.move_targets(&seen(&self.asked), &mut self.sent);
-                    moved = self.sent.iter().zip(&self.asked).map(|(sent, asked)| sent - asked).collect();
-                } else {
-                    self.sent.iter_mut().zip(&moved).for_each(|(sent, moved)| *sent += moved);
-                }
-                if compensator.adds_torques() {
-                    compensator.add_torques(&seen(&self.sent), &mut self.added);
-                    batch.set_added_torques(&self.added)?;
-                }
+            if let Some(torques) = torques {
+                batch.read_positions(&mut self.q)?;
+                batch.read_velocities(&mut self.v)?;
+                batch.read_torques(&mut self.torques)?;
+                torques.write(&self.q, &self.v, &self.torques, &mut self.added);
+                batch.set_added_torques(&self.added)?;
             }
             let (kp, kd) = (&replayer.log.kp[..], &replayer.log.kd[..]);
-            batch.set_commands(&BatchCommand { q: &self.sent, dq: None, kp, kd, tau: None })?;
+            batch.set_commands(&BatchCommand { q: &self.asked, dq: None, kp, kd, tau: None })?;
             batch.step_parallel();
         }
         Ok(())

@@ -22,9 +22,6 @@ pub struct Tune {
     /// A robot file beside its URDF, which the checkpoint is of; default: the Go2
     #[arg(long, value_name = "FILE.toml")]
     robot: Option<PathBuf>,
-    /// Leave the networks out of the candidates, which takes half of the time
-    #[arg(long)]
-    no_nets: bool,
 }
 
 /// Robots of each kind: half inside the catalogue of effects, half outside.
@@ -155,8 +152,7 @@ fn one(
     more: &[&str],
 ) -> Result<Outcome> {
     let robot = robot.to_string();
-    let mut words: Vec<String> = [kind, &robot, &robot].iter().chain(more).map(|w| w.to_string()).collect();
-    words.extend(tune.no_nets.then(|| "--no-nets".into()));
+    let words: Vec<String> = [kind, &robot, &robot].iter().chain(more).map(|w| w.to_string()).collect();
     let read: Vec<PathBuf> =
         [program, checkpoint].into_iter().chain(tune.robot.as_deref()).map(Path::to_path_buf).collect();
     let file = kept.join(format!("{:016x}.json", pipeline::hash(&words, &read)?));

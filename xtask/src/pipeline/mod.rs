@@ -39,7 +39,7 @@ pub struct Pipeline {
     /// Also let a network learn to reach cones in the reconstructed place
     #[arg(long)]
     navigate: bool,
-    /// Take the size of continuous integration: fewer steps, shorter recordings, no residual networks
+    /// Take the size of continuous integration: fewer steps, shorter recordings
     #[arg(long)]
     small: bool,
     /// Write docs/pictures/report.png, a picture of the last page (needs Chromium)

@@ -48,7 +48,7 @@ pub enum Stage {
 pub enum Size {
     /// What a reader of the guides gets.
     Full,
-    /// What continuous integration has time for: fewer steps, shorter recordings, no residual networks.
+    /// What continuous integration has time for: fewer steps, shorter recordings.
     Small,
 }
 
@@ -161,7 +161,7 @@ impl Stage {
             "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --params diagnose/calibrated.toml --out tune",
         )];
         const TUNE_SMALL: [Call; 1] = [qv(
-            "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --params diagnose/calibrated.toml --no-networks --iterations 25 --out tune",
+            "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --params diagnose/calibrated.toml --iterations 25 --out tune",
         )];
         const PATHS: [Call; 1] = [qv("walk paths walk/policy.onnx tune/policy.onnx --seed 2 --out paths/paths.json")];
         // The yard has nothing that hides a cone. Small: a minute or two on two cores.

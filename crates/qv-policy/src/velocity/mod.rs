@@ -21,8 +21,8 @@ pub(crate) use turns::in_heading;
 pub use walker::Walker;
 
 use crate::PolicyError;
-use crate::compensate::Compensator;
 use crate::env::{End, VectorEnv};
+use crate::shape_torques::ShapeTorques;
 use judge::{Judge, Outcome, touches};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_sim::{Batch, BatchCommand, LineSearch, SimOptions, State};
@@ -64,9 +64,7 @@ pub struct VelocityTask {
     /// Level of the curriculum of each robot, where the ground has levels.
     levels: Vec<[usize; 2]>,
     mount: [f32; 4],
-    compensator: Option<Box<dyn Compensator>>,
-    /// Targets as they are sent, with what the compensator adds.
-    sent: Vec<f32>,
+    shape_torques: Option<ShapeTorques>,
     added: Vec<f32>,
 }
 
@@ -131,8 +129,7 @@ impl VelocityTask {
             varied: false,
             sums: Sums::new(),
             mount: mount.map(|x| x as f32),
-            compensator: None,
-            sent: vec![0.0; count * joints],
+            shape_torques: None,
             added: vec![0.0; count * joints],
             reward: settings.reward.in_epoch(0),
             robot,
@@ -166,9 +163,9 @@ impl VelocityTask {
         &mut self.batch
     }
 
-    /// Puts a compensator between the policy and the simulator, or takes it away. It begins with the next episodes.
-    pub fn set_compensator(&mut self, compensator: Option<Box<dyn Compensator>>) {
-        self.compensator = compensator;
+    /// Adds torques that the simulator lacks, or no more.
+    pub fn set_shape_torques(&mut self, torques: Option<ShapeTorques>) {
+        self.shape_torques = torques;
     }
 
     /// What is remembered of each robot.
@@ -236,9 +233,6 @@ impl VelocityTask {
         v[0] = f64::from(random.between(-speed, speed));
         v[1] = f64::from(random.between(-speed, speed));
         self.batch.set_state(env, &State { q, v })?;
-        if let Some(compensator) = &mut self.compensator {
-            compensator.begin(env);
-        }
         self.targets[env * joints..][..joints].copy_from_slice(&self.robot.stand);
         Ok(())
     }
@@ -518,21 +512,17 @@ impl VelocityTask {
             }
         }
         self.push()?;
-        self.sent.copy_from_slice(&self.targets);
-        if let Some(compensator) = &mut self.compensator {
-            compensator.move_targets(&self.read.seen(&self.targets), &mut self.sent);
-        }
-        let command = BatchCommand { q: &self.sent, dq: None, kp: &self.robot.kp, kd: &self.robot.kd, tau: None };
+        let command = BatchCommand { q: &self.targets, dq: None, kp: &self.robot.kp, kd: &self.robot.kd, tau: None };
         self.batch.set_commands(&command)?;
         Ok(())
     }
 
-    /// Second part of a step: physics alone, with what a compensator adds.
+    /// Second part of a step: physics alone, with the torques of shapes.
     ///
     /// # Errors
     /// When an added torque is not finite.
     pub fn simulate(&mut self) -> Result<(), PolicyError> {
-        let Some(compensator) = self.compensator.as_mut().filter(|c| c.adds_torques()) else {
+        let Some(torques) = &self.shape_torques else {
             self.batch.step_many_parallel(self.settings.substeps);
             return Ok(());
         };
@@ -542,7 +532,7 @@ impl VelocityTask {
                 self.batch.read_velocities(&mut self.read.v)?;
                 self.batch.read_torques(&mut self.read.torques)?;
             }
-            compensator.add_torques(&self.read.seen(&self.sent), &mut self.added);
+            torques.write(&self.read.q, &self.read.v, &self.read.torques, &mut self.added);
             self.batch.set_added_torques(&self.added)?;
             self.batch.step_parallel();
         }

@@ -1,7 +1,5 @@
 //! What the simulator said of all robots after a step.
 
-use crate::compensate;
-
 /// What the simulator said after the last step.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Readings {
@@ -16,11 +14,4 @@ pub(super) struct Readings {
     pub orientation: Vec<f32>,
     pub encoder_q: Vec<f32>,
     pub encoder_dq: Vec<f32>,
-}
-
-impl Readings {
-    /// As a compensator sees the robots.
-    pub(super) fn seen<'a>(&'a self, targets: &'a [f32]) -> compensate::SimulatedStates<'a> {
-        compensate::SimulatedStates { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets }
-    }
 }

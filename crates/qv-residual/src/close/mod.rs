@@ -15,7 +15,7 @@ mod stages;
 pub use inputs::Inputs;
 pub use keep::{Event, Forget, Keep};
 pub use report::{Candidate, HeldOut, Outcome, PathPair, Report};
-pub use settings::{LoopSettings, NetsSettings};
+pub use settings::LoopSettings;
 
 use crate::ResidualError;
 use crate::footing::Footing;

@@ -34,7 +34,7 @@ impl ScoredWalks {
         let seed = inputs.settings.tune.seed ^ SCORING;
         let of = |seed| Walks { commands: commands(&task.commands, walks, seed), seed };
         Ok(Self {
-            task: judge_of(robot, inputs.train_on, task, &judging.corrected(robot, task.substeps)?, walks)?,
+            task: judge_of(robot, inputs.train_on, task, &judging.corrected(robot), walks)?,
             nominal: judge_of(robot, inputs.train_on, task, &CorrectedSimulator::nominal(), walks)?,
             choosing: of(seed),
             reporting: of(seed ^ TELLING),

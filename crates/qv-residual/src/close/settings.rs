@@ -2,8 +2,6 @@
 
 use crate::ResidualError;
 use crate::identify::FitSettings;
-use crate::residual::SupervisedSettings;
-use crate::residual::reinforce::ReinforceSettings;
 use crate::tune::TuneSettings;
 use serde::{Deserialize, Serialize};
 
@@ -24,38 +22,8 @@ pub struct LoopSettings {
     pub walks: usize,
     /// Fits.
     pub fit: FitSettings,
-    /// Nets that are taught on replays.
-    pub nets: NetsSettings,
     /// Training.
     pub tune: TuneSettings,
-}
-
-/// Which nets are taught on replays, and how.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct NetsSettings {
-    /// Whether they are tried at all.
-    pub tried: bool,
-    /// Decisions of the windows on which they are taught.
-    pub length: usize,
-    /// A net of torques on the fitted parameters.
-    pub torque: SupervisedSettings,
-    /// A net of targets on the simulator as it is.
-    pub position: SupervisedSettings,
-    /// A net of targets on the simulator as it is, taught by reward.
-    pub reinforced: ReinforceSettings,
-}
-
-impl Default for NetsSettings {
-    fn default() -> Self {
-        Self {
-            tried: true,
-            length: 25,
-            torque: SupervisedSettings::torque(),
-            position: SupervisedSettings::default(),
-            reinforced: ReinforceSettings { iterations: 120, ..Default::default() },
-        }
-    }
 }
 
 impl Default for LoopSettings {
@@ -67,7 +35,6 @@ impl Default for LoopSettings {
             errors: 2.0,
             walks: 96,
             fit: FitSettings::default(),
-            nets: NetsSettings::default(),
             tune: TuneSettings::default(),
         }
     }
@@ -90,13 +57,6 @@ impl LoopSettings {
         within("fit.windows", fit.windows as f64, 10.0, 1e5)?;
         within("fit.length", fit.length as f64, 2.0, 100.0)?;
         within("fit.steps", fit.steps as f64, 1.0, 100.0)?;
-        within("nets.length", self.nets.length as f64, 2.0, 1000.0)?;
-        self.nets.torque.check()?;
-        self.nets.position.check()?;
-        within("nets.reinforced.iterations", self.nets.reinforced.iterations as f64, 1.0, 1e6)?;
-        within("nets.reinforced.robots", self.nets.reinforced.robots as f64, 1.0, 1048576.0)?;
-        within("nets.reinforced.std", f64::from(self.nets.reinforced.std), 1e-4, 1.0)?;
-        within("nets.reinforced.clip", f64::from(self.nets.reinforced.clip), 1e-3, 10.0)?;
         within("tune.iterations", tune.iterations as f64, 1.0, 1e6)?;
         within("tune.robots", tune.robots as f64, 1.0, 1048576.0)?;
         within("tune.rate", f64::from(tune.rate), 1e-8, 1.0)?;

@@ -11,11 +11,10 @@ use crate::fitting::{Fit, Windows, fit, fit_shared_first};
 use crate::footing::Footing;
 use crate::identify::{Coordinate, coordinates};
 use crate::paths::PathScore;
-use crate::residual::{NetKind, ResidualNet, reinforce, supervised};
 use crate::study::Study;
 use crate::training_windows::TrainingWindows;
 use crate::tune::{CorrectedSimulator, train_on};
-use crate::windows::{Errors, Lane, Replayer, Window};
+use crate::windows::{Errors, Replayer, Window};
 use qv_policy::policy::Policy;
 use qv_policy::score::mean_with_error;
 use qv_rollout::WindowOptions;
@@ -35,13 +34,10 @@ fn by_stretch(errors: &Errors, held: &[Window]) -> Vec<f64> {
 }
 
 /// Names of the stages.
-const STAGES: [&str; 10] = [
+const STAGES: [&str; 7] = [
     "held-out error of the simulator as it is",
     "fitting parameters",
     "fitting parameters and torques",
-    "teaching a net of torques on the parameters",
-    "teaching a net of targets on the simulator as it is",
-    "teaching a net of targets by reward",
     "fitting to held-out recordings alone",
     "training on in the simulator as it is",
     "training on with what stayed",
@@ -91,7 +87,7 @@ impl Loop<'_, '_> {
             None => Compensation::nominal(robot),
             Some(&last) => {
                 let compensation = &tried.candidates[last].compensation;
-                self.judging(!compensation.shapes.is_empty() || compensation.net.is_some())?
+                self.judging(!compensation.shapes.is_empty())?
             }
         };
         let mut scored = ScoredWalks::new(self.inputs, &judging)?;
@@ -116,7 +112,7 @@ impl Loop<'_, '_> {
             );
             return Ok(Outcome { policy, report });
         }
-        self.begin(7);
+        self.begin(4);
         let control = self.train("control", &CorrectedSimulator::nominal())?;
         let tuned = self.train_all(&staying, &mut report, &mut scored)?;
         report.before = scored.remarks(&policy)?;
@@ -140,47 +136,10 @@ impl Loop<'_, '_> {
         self.begin(1);
         let parameters = self.fit("parameters", false, None, &for_fits)?;
         self.add(&mut tried, self.compensation("parameters", &parameters)?)?;
-        let base = tried.candidates[tried.staying().last().copied().unwrap_or(0)].compensation.clone();
         self.begin(2);
         let torques = self.fit("torques", true, Some(&parameters), &for_fits)?;
         self.add(&mut tried, self.compensation("parameters and torques", &torques)?)?;
-        if settings.nets.tried {
-            self.try_nets(&mut tried, base)?;
-        }
         Ok(tried)
-    }
-
-    /// Nets, on the best parameters and on the simulator as it is.
-    fn try_nets(&mut self, tried: &mut CandidateSet, base: Compensation) -> Result<(), ResidualError> {
-        let Inputs { robot, settings, .. } = *self.inputs;
-        let nets = &settings.nets;
-        let sound = |kind| move |net: &ResidualNet| net.check(robot, kind).is_ok();
-        let training = picked(self.inputs, self.footing.as_ref(), nets.length, &|k| !is_held(settings, k));
-        self.begin(3);
-        let lane = base.lane(&self.replayer)?;
-        let net = self.kept("torque net", sound(NetKind::Torque), |this| {
-            let notify = progress(&mut *this.notify, nets.torque.rounds);
-            supervised::train_torque(&this.replayer, &training, &lane, &nets.torque, notify)
-        })?;
-        let kind = format!("{} and a net of torques", base.kind);
-        self.add(tried, Compensation { kind, net: Some(net), ..base })?;
-        self.begin(4);
-        let lane = Lane { window: 0, parameters: Vec::new(), bias: vec![0.0; robot.joints()] };
-        let net = self.kept("position net", sound(NetKind::Position), |this| {
-            let notify = progress(&mut *this.notify, nets.position.rounds);
-            supervised::train_position(&this.replayer, &training, &lane, &nets.position, notify)
-        })?;
-        let with = |kind: &str, net| Compensation { kind: kind.into(), net: Some(net), ..Compensation::nominal(robot) };
-        self.add(tried, with("a net of targets", net))?;
-        self.begin(5);
-        let net = self.kept("reinforced net", sound(NetKind::Position), |this| {
-            let (all, notify) = (nets.reinforced.iterations as f64, &mut *this.notify);
-            reinforce::train(&this.replayer, &training, &lane, None, &nets.reinforced, |line| {
-                let figure = line.figures.first().map_or(0.0, |(_, x)| f64::from(*x));
-                notify(Event::Progress((line.iteration.index as f64 + 1.0) / all, off(figure)));
-            })
-        })?;
-        self.add(tried, with("a net of targets, taught by reward", net))
     }
 
     /// Policies trained on under the two richest candidates that stay: the best, if it is better than `report.before`.
@@ -190,12 +149,12 @@ impl Loop<'_, '_> {
         report: &mut Report,
         scored: &mut ScoredWalks,
     ) -> Result<Option<Policy>, ResidualError> {
-        let Inputs { robot, start, .. } = *self.inputs;
+        let Inputs { robot, .. } = *self.inputs;
         let mut best = None;
         let richest = &staying[staying.len().saturating_sub(2)..];
         for (step, &k) in richest.iter().enumerate() {
-            self.begin(8 + step);
-            let corrected = report.candidates[k].compensation.corrected(robot, start.settings.task.substeps)?;
+            self.begin(5 + step);
+            let corrected = report.candidates[k].compensation.corrected(robot);
             let tuned = self.train(&format!("policy {k}"), &corrected)?;
             let found = scored.score(&tuned)?;
             report.candidates[k].paths = Some(found);
@@ -210,7 +169,7 @@ impl Loop<'_, '_> {
 
     /// A simulator fitted to the held-out stretches alone, with torques where the richest candidate that stays has more than parameters.
     fn judging(&mut self, with_torques: bool) -> Result<Compensation, ResidualError> {
-        self.begin(6);
+        self.begin(3);
         let settings = self.inputs.settings;
         let held = |k: usize| is_held(settings, k);
         let parameters = self.fit("judge", false, None, &held)?;
@@ -351,19 +310,6 @@ fn windows_of<'a>(
     let mut study = Study::new(log, robot, &ground.terrain, most, &is_known)?;
     let left_out = std::mem::take(&mut study.left_out);
     Ok((Box::new(study), left_out))
-}
-
-fn off(error: f64) -> String {
-    format!("joints off by {:.1} mrad", 1e3 * error)
-}
-
-/// Reports the rounds of a net: one along the recordings, and `rounds` more.
-fn progress<'a>(notify: &'a mut dyn FnMut(Event), rounds: usize) -> impl FnMut(&supervised::Round) + 'a {
-    let mut done = 0.0;
-    move |round| {
-        done += 1.0;
-        notify(Event::Progress(done / (rounds as f64 + 1.0), off(round.driven)));
-    }
 }
 
 /// The policy that is handed out, and why: the one trained on, when it is better by more than chance.

@@ -6,14 +6,12 @@ use qv_policy::train::{Checkpoint, TrainSettings, Training};
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
 use qv_recording::Run;
 use qv_residual::ResidualError;
-use qv_residual::close::{Forget, Inputs, Keep, LoopSettings, NetsSettings, close};
+use qv_residual::close::{Forget, Inputs, Keep, LoopSettings, close};
 use qv_residual::compensation::Compensation;
 use qv_residual::fitting::{Windows, fit_shared_first};
 use qv_residual::hidden::{Engine, HiddenRobot, Order};
 use qv_residual::identify::{FitSettings, coordinates, tops};
 use qv_residual::log::Log;
-use qv_residual::residual::SupervisedSettings;
-use qv_residual::residual::reinforce::ReinforceSettings;
 use qv_residual::study::Study;
 use qv_residual::tune::TuneSettings;
 use qv_residual::windows::{Replayer, windows};
@@ -96,11 +94,7 @@ impl Keep for Memory {
 fn small() -> LoopSettings {
     let fit = FitSettings { windows: 30, steps: 3, ..Default::default() };
     let tune = TuneSettings { iterations: 2, robots: 32, walks: 6, calibration: 12, ..Default::default() };
-    let taught = SupervisedSettings { rounds: 1, windows: 40, passes: 4, ..Default::default() };
-    let torque = SupervisedSettings { hidden: vec![16], ..taught.clone() };
-    let reinforced = ReinforceSettings { iterations: 2, robots: 32, ..Default::default() };
-    let nets = NetsSettings { torque, position: taught, reinforced, ..Default::default() };
-    LoopSettings { walks: 6, fit, nets, tune, ..Default::default() }
+    LoopSettings { walks: 6, fit, tune, ..Default::default() }
 }
 
 /// Walks and trainings on one ground, and nothing known beforehand.
@@ -147,9 +141,7 @@ fn a_robot_that_differs_is_trained_for_and_stages_that_are_kept_are_not_done_aga
     let memory = Memory::default();
     let first = close(&inputs, &memory, &mut |_| {}).unwrap();
     let kinds: Vec<&str> = first.report.candidates.iter().map(|c| c.compensation.kind.as_str()).collect();
-    let nets = ["parameters and a net of torques", "a net of targets", "a net of targets, taught by reward"];
-    assert_eq!(kinds[..4], ["nominal", "calibrated", "parameters", "parameters and torques"]);
-    assert_eq!(kinds[4..], nets);
+    assert_eq!(kinds, ["nominal", "calibrated", "parameters", "parameters and torques"]);
     let parameters = &first.report.candidates[2];
     assert!(parameters.held_out.stays && parameters.held_out.error < 0.3 * first.report.candidates[0].held_out.error);
     assert!(first.report.control.is_some() && parameters.paths.is_some());

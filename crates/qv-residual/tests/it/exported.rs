@@ -2,7 +2,7 @@
 
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::onnx::OnnxPolicy;
-use qv_residual::basis::{SHAPES, shapes};
+use qv_policy::shape_torques::{SHAPES, shapes};
 use qv_residual::compensation::Compensation;
 
 #[test]

@@ -4,6 +4,5 @@ mod closing;
 mod exported;
 #[path = "../../../../fixtures/facts.rs"]
 mod facts;
-mod learned_residuals;
 mod squats;
 mod values;

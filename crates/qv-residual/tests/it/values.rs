@@ -1,8 +1,8 @@
 //! Functions that compute, against values that are worked out here.
 
 use crate::squats;
+use qv_policy::shape_torques::{SHAPES, shapes};
 use qv_policy::velocity::{Commands, TaskSettings};
-use qv_residual::basis::{SHAPES, shapes};
 use qv_residual::compensation::Compensation;
 use qv_residual::hidden::wander;
 use qv_residual::identify::{Prior, coordinates, expanded, lane_of, shapes_of, shared, tops, values, values_of};

@@ -107,7 +107,7 @@ impl Stable {
     pub fn legs<'a>(&self, world: &'a World, count: usize) -> Result<Box<dyn Legs + 'a>, Failure> {
         let Some(walking) = &self.0 else { return Ok(Box::new(Follower::new(&world.map, count, HEIGHT))) };
         let Walking { robot, policy, ground, correction, task, .. } = walking;
-        let corrected = correction.corrected(robot, task.substeps)?;
+        let corrected = correction.corrected(robot);
         let task = judge_of(robot, ground, task, &corrected, count)?;
         Ok(Box::new(Walkers::new(task, Box::new(policy.clone()))?))
     }

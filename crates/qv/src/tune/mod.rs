@@ -6,7 +6,7 @@ mod recordings;
 
 use crate::open::{file_error, parameters_of, write_error};
 use crate::output::{is_same, make_folder, write_whole};
-use crate::progress::Stages;
+use crate::progress::{Stages, remark};
 use crate::walk::inputs::{as_trained, checkpoint_of, ground_of, policy_of, robot_of};
 use crate::{Failure, Outcome, say};
 use keep::Folder;
@@ -52,9 +52,6 @@ pub struct Tune {
     /// Iterations of each training; each is 24 steps of all robots
     #[arg(long, value_name = "N")]
     iterations: Option<u64>,
-    /// Skip the residual networks, which take most of the time: parameters and torques are fitted alone
-    #[arg(long)]
-    no_networks: bool,
     /// Seed of everything
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -115,12 +112,16 @@ impl Tune {
             Some(path) => {
                 let expected = "settings of `qv tune`";
                 let text = fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
-                toml::from_str(&text).map_err(|e| file_error(path, expected, &e.to_string()))?
+                let mut table: toml::Table =
+                    toml::from_str(&text).map_err(|e| file_error(path, expected, &e.to_string()))?;
+                if table.remove("nets").is_some() {
+                    remark(&format!("'{}': ignored [nets]: residual networks were removed", path.display()));
+                }
+                table.try_into().map_err(|e| file_error(path, expected, &e.to_string()))?
             }
         };
         settings.tune.iterations = self.iterations.unwrap_or(settings.tune.iterations);
         settings.tune.seed = self.seed.unwrap_or(settings.tune.seed);
-        settings.nets.tried &= !self.no_networks;
         settings.check()?;
         Ok(settings)
     }

@@ -122,7 +122,7 @@ fn a_tuning_survives() {
     fs::write(root.join("small.toml"), "robots = 4\nepoch = 4\nscore_robots = 2\nscore_seconds = 2.0\n").unwrap();
     done(&root, "walk train --settings small.toml --iterations 4 --out walk");
     done(&root, "walk record walk/policy.onnx --minutes 0.4 --walk 2.5 --out log");
-    let settings = "held_every = 2\nwalks = 6\n[fit]\nwindows = 12\nsteps = 1\nlength = 10\n[nets]\ntried = false\n\
+    let settings = "held_every = 2\nwalks = 6\n[fit]\nwindows = 12\nsteps = 1\nlength = 10\n\
         [tune]\niterations = 1\nrobots = 4\ncalibration = 4\nwalks = 6\n";
     fs::write(root.join("tune.toml"), settings).unwrap();
     let words = "tune log --policy walk/policy.onnx --settings tune.toml --out out --seed";
