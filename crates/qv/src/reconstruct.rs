@@ -1,6 +1,7 @@
 //! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
 
 mod arguments;
+mod scores;
 mod search;
 mod stereo;
 mod watch;
@@ -23,17 +24,16 @@ use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::ply;
 use qv_splat::stereo::StereoDepth;
 use qv_splat::train::{
-    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
-    Score, TrainOptions, Weights, at_depths, at_random, bake, cameras, checkpoint, drawn, ground_scores, growing,
-    neighbours_scores, of_points, pose, scores, train,
+    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, Photograph, ReadOptions, Score, TrainOptions,
+    Weights, at_depths, at_random, bake, cameras, checkpoint, growing, of_points, train,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
-use watch::{Run, TRAINING, beside, show_mask};
-use words::{in_words, named};
+use watch::{Run, TRAINING, show_mask};
+use words::{in_words, named_mean};
 
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
     qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --json\n\n\
@@ -55,8 +55,6 @@ const UNFINISHED: &str = "unfinished.qvt";
 const MASKS: &str = "masks";
 /// Steps from one report to the next.
 const REPORT_EVERY: u32 = 100;
-/// Steps by which a held-out camera is aligned.
-const ALIGN_STEPS: u32 = 40;
 /// Most frames that are taken of a video.
 const FRAMES: usize = 150;
 /// Steps from one scene that may be kept to the next.
@@ -133,21 +131,7 @@ impl Reconstruct {
         }
         let as_learned = |one: &Photograph| cameras::as_learned(&model, &dataset, one);
         let looked_at: Vec<Photograph> = dataset.held_out.iter().map(as_learned).collect();
-        let as_drawn = scores(&model.cloud, &looked_at, &dataset)?;
-        let exposed = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { vec![] };
-        let aligned = self.aligned(&model, &dataset, &looked_at)?;
-        let ground = Ground::of(&model.cloud, &dataset, &GroundOptions::default())?;
-        let of_ground = match &ground {
-            Some(ground) => ground_scores(&model.cloud, &dataset, &looked_at, ground)?,
-            None => vec![],
-        };
-        if self.preview {
-            let folder = self.out.join("held_out");
-            for photograph in &looked_at {
-                let image = drawn(&model.cloud, &photograph.camera, &dataset)?;
-                beside(photograph, &image, &folder, &photograph.name)?;
-            }
-        }
+        let held_out = self.score(&model, &dataset, &looked_at)?;
         self.save_masks(&model, &dataset)?;
         self.save_scene(&model.cloud, &dataset)?;
         write_whole(&self.out.join(CHECKPOINT), &trained)?;
@@ -157,24 +141,15 @@ impl Reconstruct {
             "finished": finished, "gaussians": model.cloud.len(), "loss": loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "times_ms": times}, "photographs": dataset.training.len(), "began_at_points": at_points,
             "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(&depths), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
-            "held_out": dataset.held_out.iter().zip(&as_drawn).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
-            "mean": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
-            "mean_exposed": Score::mean(&exposed).map(|mean| named("mean", &mean)),
-            "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
             "antialias": dataset.antialias, "steps_asked": self.iterations, "transients": words::of_masks(&model.masks),
-            "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
+            "aside": searched, "held_out": held_out.by_name(&dataset), "mean": named_mean(&held_out.drawn),
+            "mean_exposed": named_mean(&held_out.exposed), "mean_aligned": named_mean(&held_out.aligned), "ground": held_out.of_ground,
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
         let path = self.out.join("metrics.json");
         put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         bar.finish();
-        self.notify(
-            &metrics,
-            [Score::mean(&as_drawn), Score::mean(&exposed), Score::mean(&aligned)],
-            &times,
-            search_s + train_s,
-            model.cloud.len(),
-        )?;
+        self.notify(&metrics, &held_out.means(), &times, search_s + train_s)?;
         opened.capture.remarks.iter().for_each(|what| remark(what));
         dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
@@ -361,19 +336,6 @@ impl Reconstruct {
         Ok(Box::new(GpuEngine::new(rasteriser, dataset, options, model, how)?))
     }
 
-    /// Scores of held-out photographs with cameras that were moved to where they show the left half best; none when poses are as given.
-    fn aligned(&self, model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<Vec<Score>, Failure> {
-        if !self.refine_poses {
-            return Ok(vec![]);
-        }
-        let align = |one: &Photograph| {
-            let camera = pose::aligned(&model.cloud, one, dataset, ALIGN_STEPS)?;
-            Ok(Photograph { camera, ..one.clone() })
-        };
-        let moved: Vec<Photograph> = held_out.iter().map(align).collect::<Result<_, Failure>>()?;
-        Ok(scores(&model.cloud, &moved, dataset)?)
-    }
-
     /// All cameras as they were learned; nothing when they are those of the capture.
     fn save_cameras(
         &self,
@@ -495,16 +457,15 @@ impl Reconstruct {
     fn notify(
         &self,
         metrics: &Value,
-        means: [Option<Score>; 3],
+        means: &[Option<Score>; 3],
         times: &[(&'static str, f64)],
         seconds: f64,
-        splats: usize,
     ) -> Result<(), Failure> {
         if self.json {
             return Ok(say(&format!("{metrics}\n"))?);
         }
         let loss = metrics["loss"].as_f64().map_or(String::new(), |loss| format!(", loss {loss:.5}"));
-        let mut text = format!("{splats} Gaussians{loss}, {seconds:.1} s of training\n");
+        let mut text = format!("{} Gaussians{loss}, {seconds:.1} s of training\n", metrics["gaussians"]);
         if let Some(steps) = metrics["aside"]["steps"].as_u64().filter(|steps| *steps < u64::from(self.iterations)) {
             let asked = self.iterations;
             text += &format!("{steps} steps of {asked}: more did not help photographs that were put aside\n");
@@ -532,7 +493,7 @@ impl Reconstruct {
             ["held out", "held out, as their neighbours are exposed", "held out, cameras aligned on the left half"];
         for (what, mean) in remarks.iter().zip(means) {
             let Some(s) = mean else { continue };
-            text += &format!("{what}: {}\n", in_words(&s));
+            text += &format!("{what}: {}\n", in_words(s));
         }
         if let Some(ground) = words::ground_in_words(&metrics["ground"]) {
             text += &format!("{ground}\n");

@@ -38,6 +38,11 @@ pub fn named(name: &str, s: &Score) -> Value {
         "psnr_right_gains": s.psnr_right_gains})
 }
 
+/// The mean of scores for metrics.json; null without any.
+pub fn named_mean(scores: &[Score]) -> Option<Value> {
+    Score::mean(scores).map(|mean| named("mean", &mean))
+}
+
 /// What was left out of photographs because it moves, for metrics.json; null where it was not looked for.
 pub fn of_masks(masks: &[Mask]) -> Value {
     let shares: Vec<f64> = masks.iter().map(Mask::share).collect();
