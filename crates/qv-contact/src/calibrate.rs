@@ -298,9 +298,7 @@ impl<'a> Job<'a> {
                     self.recordings,
                     windows,
                     &background.usual,
-                    label,
-                    &frictions,
-                    &grid,
+                    windows::FrictionGrid { label, frictions: &frictions, grid: &grid },
                     &|done| self.notify(done * ticks),
                 )?;
                 let said = self.said(label, grid, losses);

@@ -128,7 +128,18 @@ pub fn background(
     })
 }
 
-/// Losses of the windows that touch `label`, for each friction of `grid` on it beside `frictions` elsewhere.
+/// Frictions of one label over a grid, beside those of the others.
+#[derive(Debug, Clone, Copy)]
+pub struct FrictionGrid<'a> {
+    /// The label.
+    pub label: usize,
+    /// Frictions of all labels.
+    pub frictions: &'a [f64],
+    /// Those of the label, ascending.
+    pub grid: &'a [f64],
+}
+
+/// Losses of the windows that touch the label of a grid, for each of its frictions.
 ///
 /// # Errors
 /// When the simulator refuses.
@@ -137,11 +148,10 @@ pub fn losses(
     recordings: &[Recording],
     windows: &[Window],
     usual: &Usual,
-    label: usize,
-    frictions: &[f64],
-    grid: &[f64],
+    varied: FrictionGrid,
     done: &(dyn Fn(usize) + Sync),
 ) -> Result<Losses, ContactError> {
+    let FrictionGrid { label, frictions, grid } = varied;
     let touching: Vec<&Window> = windows.iter().filter(|w| w.labels.contains(&label)).collect();
     let with = |mu: &f64| {
         let mut set = frictions.to_vec();

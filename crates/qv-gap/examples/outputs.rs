@@ -10,7 +10,15 @@ fn main() -> std::io::Result<()> {
     let (model, urdf) = (made_up::go2(), qv_go2::model::urdf());
     let (kp, kd) = ([qv_go2::model::DEFAULT_KP; 12], [qv_go2::model::DEFAULT_KD; 12]);
     let notes = ["This diagnosis is made up.".to_string()];
-    let files = qv_gap::export::files(&made_up::report(), &model, Some(&urdf), "made_up.mcap", &notes, &[], &kp, &kd);
+    let files = qv_gap::export::files(
+        &made_up::report(),
+        &model,
+        Some(&urdf),
+        "made_up.mcap",
+        &notes,
+        &[],
+        qv_gap::export::Gains { kp: &kp, kd: &kd },
+    );
     for (name, bytes) in files {
         std::fs::write(folder.join(&name), &bytes)?;
         println!("{name} {} bytes", bytes.len());

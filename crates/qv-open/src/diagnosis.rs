@@ -157,7 +157,8 @@ impl Robot {
     pub fn files(&self, report: &Report, evidence: &Evidence, sections: &[String]) -> Vec<(String, Vec<u8>)> {
         let said = evidence.report.as_ref().map(|data| (data.title.as_str(), &data.notes[..]));
         let ((title, notes), urdf) = (said.unwrap_or_default(), self.urdf.as_deref());
-        let mut files = export::files(report, &self.model, urdf, title, notes, sections, &self.kp, &self.kd);
+        let gains = export::Gains { kp: &self.kp, kd: &self.kd };
+        let mut files = export::files(report, &self.model, urdf, title, notes, sections, gains);
         files.push(("evidence.json".into(), evidence.to_json()));
         files
     }

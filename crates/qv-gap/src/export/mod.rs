@@ -23,11 +23,19 @@ use std::fmt::Write;
 /// Physics step that `isaac_lab_actuators.py` counts delays in \[s\]: the usual one of legged robots in Isaac Lab.
 pub(crate) const ISAAC_LAB_DT: f64 = 0.005;
 
+/// Gains of a recording's motors, `[joints]` in the model's order: zero for motors that take torques, empty when they are not known.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Gains<'a> {
+    /// \[N m/rad\]
+    pub kp: &'a [f64],
+    /// \[N m s/rad\]
+    pub kd: &'a [f64],
+}
+
 /// All files of a diagnosis by name: `report.json`, `report.html`, `calibrated.toml`, `mjcf_fragment.xml`,
 /// `isaac_lab_actuators.py`, and `robot_calibrated.urdf` when the URDF that `model` was read from is given.
 ///
-/// `title` names the recording; `notes` are said under the verdict of the page. `kp` \[N m/rad\] and `kd` \[N m s/rad\] are the
-/// gains of the recording, shape `[joints]` in the model's order, zero for motors that take torques; empty when they are not known.
+/// `title` names the recording; `notes` are said under the verdict of the page.
 /// A URDF that cannot be edited is left out, and a note on the page says why. `sections` are for [`to_html`].
 pub fn files(
     report: &Report,
@@ -36,9 +44,9 @@ pub fn files(
     title: &str,
     notes: &[String],
     sections: &[String],
-    kp: &[f64],
-    kd: &[f64],
+    gains: Gains,
 ) -> Vec<(String, Vec<u8>)> {
+    let Gains { kp, kd } = gains;
     let corrections: &[Correction] = if report.corrections_apply { &report.corrections } else { &[] };
     let mut notes = notes.to_vec();
     let urdf = urdf_text.map(|text| to_urdf(text, model, corrections));

@@ -12,10 +12,6 @@ use qv_rollout::{Rollout, Window};
 /// Root mean square of a joint's speed below which it counts as at rest \[rad/s\]: within 10 ms it moves by less than an encoder's noise.
 const AT_REST: f64 = 0.03;
 
-/// Ends of the parameters that act on what moves: without speed nothing shows them.
-const ACT_WITH_SPEED: [&str; 7] =
-    [".command_latency", ".lag", ".encoder_latency", ".kd_scale", ".viscous_friction", ".armature", ".pose.delay"];
-
 /// Joints that are at rest in all windows, on average.
 pub fn at_rest<'w>(rollout: &Rollout, windows: impl Iterator<Item = &'w Window> + Clone) -> Vec<usize> {
     let speed = |joint: usize| {
@@ -42,7 +38,7 @@ fn speeds(rollout: &Rollout, window: &Window, joint: usize) -> impl Iterator<Ite
     (1..bins).map(move |b| (middles[b] - middles[b - 1]) / bin)
 }
 
-/// Whether nothing of a group could show its effect: it acts with speed alone, and all its joints are `at_rest`, all of the robot's
+/// Whether nothing of a group could show its effect: it [needs motion](crate::problem::library::Effect::needs_motion), and all its joints are `at_rest`, all of the robot's
 /// `joints` if it is none of joints.
 pub(crate) fn is_unshown(columns: &Columns, group: &Group, at_rest: &[usize], joints: usize) -> bool {
     let effect = &columns.effects[group.effect];
@@ -50,8 +46,7 @@ pub(crate) fn is_unshown(columns: &Columns, group: &Group, at_rest: &[usize], jo
         Scope::Joints => group.members.iter().all(|joint| at_rest.contains(joint)),
         _ => at_rest.len() == joints,
     };
-    let mut parameters = effect.axes.iter().flat_map(|a| a.moves.keys());
-    rests && parameters.all(|p| ACT_WITH_SPEED.iter().any(|end| p.ends_with(end)))
+    rests && effect.needs_motion
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use crate::facts::States;
 use crate::made_up::{correction, empty, go2, report};
 use crate::python::{python, python_with};
-use qv_gap::export::{files, to_html, to_isaac_lab, to_json, to_mjcf, to_toml, to_urdf};
+use qv_gap::export::{Gains, files, to_html, to_isaac_lab, to_json, to_mjcf, to_toml, to_urdf};
 use qv_gap::report::*;
 use qv_page::read;
 use qv_rollout::parameters_from_toml;
@@ -11,6 +11,7 @@ use qv_sim::{BaseKind, Model, ModelOptions};
 
 const KP: [f64; 12] = [40.0; 12];
 const KD: [f64; 12] = [1.0; 12];
+const GAINS: Gains = Gains { kp: &KP, kd: &KD };
 
 fn numbers(text: &str) -> Vec<f64> {
     text.split_whitespace().map(|x| x.parse().unwrap()).collect()
@@ -210,7 +211,7 @@ fn numbers_that_are_none_leave_no_trace() {
     r.timing.stages_s[0] = none;
     r.corrections[0].value = none;
     r.timing.runtime_s = none;
-    let everything = files(&r, &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &KP, &KD);
+    let everything = files(&r, &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], GAINS);
     for (name, bytes) in everything {
         let text = read::without_scripts(&String::from_utf8(bytes).unwrap());
         assert!(!text.contains("inf\"") && !text.contains(">inf") && !text.contains("-inf"), "{name}");
@@ -248,7 +249,7 @@ fn a_finding_that_makes_things_worse_is_applied_by_no_file() {
     assert!(text.states("loss 7.30 1.40"), "{text}");
     assert!(to_html(&found, "walk", &[], &[]).states("correction"));
     let model = go2();
-    let of = |report: &Report| files(report, &model, None, "walk", &[], &[], &KP, &KD);
+    let of = |report: &Report| files(report, &model, None, "walk", &[], &[], GAINS);
     let nothing = Report { corrections: vec![], ..found.clone() };
     for name in ["mjcf_fragment.xml", "isaac_lab_actuators.py"] {
         let text = |report: &Report| of(report).into_iter().find(|f| f.0 == name).unwrap().1;
@@ -521,7 +522,7 @@ fn a_urdf_of_another_robot_is_refused() {
         assert!(error.contains(remarks), "{error}");
         let mut r = empty();
         r.corrections = vec![hip.clone()];
-        let written = files(&r, &go2(), Some(urdf), "run", &[], &[], &KP, &KD);
+        let written = files(&r, &go2(), Some(urdf), "run", &[], &[], GAINS);
         assert!(!written.iter().any(|(name, _)| name == "robot_calibrated.urdf"));
         let page = &written.iter().find(|(name, _)| name == "report.html").unwrap().1;
         assert!(String::from_utf8_lossy(page).states("robot_calibrated.urdf"));
@@ -599,7 +600,7 @@ fn python_reads_the_actuators() {
 
 #[test]
 fn all_files_are_written() {
-    let written = files(&report(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &KP, &KD);
+    let written = files(&report(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], GAINS);
     let names: Vec<&str> = written.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(
         names,
@@ -620,10 +621,10 @@ fn all_files_are_written() {
     let read = read(text(4));
     assert_eq!(read.joints.len(), 12, "a URDF with a comment at its end is one still");
     assert!(text(4).states("0.0101235 0.0101235"));
-    let nothing = files(&empty(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &[], &[]);
+    let nothing = files(&empty(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], Gains::default());
     assert_eq!(nothing.len(), 6);
     assert!(nothing[4].1.starts_with(qv_go2::model::urdf().as_bytes()), "nothing is changed");
-    assert_eq!(files(&empty(), &go2(), None, "run", &[], &[], &[], &[]).len(), 5);
+    assert_eq!(files(&empty(), &go2(), None, "run", &[], &[], Gains::default()).len(), 5);
     let closed: serde_json::Value = serde_json::from_str(&to_json(&empty())).unwrap();
     assert!(closed["gap"]["closed"].is_null(), "{closed}");
 }

@@ -95,6 +95,9 @@ pub struct Effect {
     pub interface: Interface,
     /// What it acts on.
     pub scope: Scope,
+    /// Whether it acts with speed alone: nothing shows it at joints that are at rest.
+    #[serde(default)]
+    pub needs_motion: bool,
     /// Unit of its values.
     pub unit: String,
     /// Whether values are those of the parameters; else deviations from nominal.
