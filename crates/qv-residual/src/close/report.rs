@@ -64,6 +64,8 @@ pub struct Report {
     pub remarks: Vec<String>,
     /// Candidates in the order in which they were tried.
     pub candidates: Vec<Candidate>,
+    /// Index of the candidate whose parameters are the robot's, estimated in rollouts at 1 ms or given; 0 = nothing was found.
+    pub calibrated: usize,
     /// Index of the candidate whose policy was chosen; `None` = the policy is as it was.
     pub chosen: Option<usize>,
     /// Why.

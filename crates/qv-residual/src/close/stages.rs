@@ -34,9 +34,10 @@ fn by_stretch(errors: &Errors, held: &[Window]) -> Vec<f64> {
 }
 
 /// Names of the stages.
-const STAGES: [&str; 7] = [
+const STAGES: [&str; 8] = [
     "held-out error of the simulator as it is",
     "fitting parameters",
+    "fitting parameters at the step of the training",
     "fitting parameters and torques",
     "fitting to held-out recordings alone",
     "training on in the simulator as it is",
@@ -63,6 +64,8 @@ pub struct Loop<'a, 'b> {
 /// Candidates so far, and the errors on each stretch of the last that stayed.
 struct CandidateSet {
     candidates: Vec<Candidate>,
+    /// Index of the candidate whose parameters are the robot's.
+    calibrated: usize,
     best: Vec<f64>,
 }
 
@@ -97,6 +100,7 @@ impl Loop<'_, '_> {
             seconds: log.seconds(),
             remarks: self.remarks.clone(),
             candidates: tried.candidates,
+            calibrated: tried.calibrated,
             chosen: None,
             why: String::new(),
             before,
@@ -112,7 +116,7 @@ impl Loop<'_, '_> {
             );
             return Ok(Outcome { policy, report });
         }
-        self.begin(4);
+        self.begin(5);
         let control = self.train("control", &CorrectedSimulator::nominal())?;
         let tuned = self.train_all(&staying, &mut report, &mut scored)?;
         report.before = scored.remarks(&policy)?;
@@ -129,16 +133,23 @@ impl Loop<'_, '_> {
         let for_fits = |k: usize| !is_held(settings, k);
         self.begin(0);
         let (nominal, best) = self.candidate(Compensation::nominal(robot), None)?;
-        let mut tried = CandidateSet { candidates: vec![nominal], best };
+        let mut tried = CandidateSet { candidates: vec![nominal], calibrated: 0, best };
         if let Some(given) = given {
             self.add(&mut tried, Compensation::given(robot, given))?;
         }
         self.begin(1);
         let parameters = self.fit("parameters", false, None, &for_fits)?;
         self.add(&mut tried, self.compensation("parameters", &parameters)?)?;
+        let estimated = tried.candidates.len() - 1;
+        let calibrated = tried.staying().last().copied();
         self.begin(2);
+        // A coarse step delays and brakes by itself: the parameters that make up for that are not the robot's, and serve the training.
+        let at_step = self.fit("parameters at step", false, Some(&parameters), &for_fits)?;
+        self.add(&mut tried, self.compensation("parameters at the training's step", &at_step)?)?;
+        self.begin(3);
         let torques = self.fit("torques", true, Some(&parameters), &for_fits)?;
         self.add(&mut tried, self.compensation("parameters and torques", &torques)?)?;
+        tried.calibrated = calibrated.unwrap_or(if tried.staying().is_empty() { 0 } else { estimated });
         Ok(tried)
     }
 
@@ -153,7 +164,7 @@ impl Loop<'_, '_> {
         let mut best = None;
         let richest = &staying[staying.len().saturating_sub(2)..];
         for (step, &k) in richest.iter().enumerate() {
-            self.begin(5 + step);
+            self.begin(6 + step);
             let corrected = report.candidates[k].compensation.corrected(robot);
             let tuned = self.train(&format!("policy {k}"), &corrected)?;
             let found = scored.score(&tuned)?;
@@ -169,14 +180,11 @@ impl Loop<'_, '_> {
 
     /// A simulator fitted to the held-out stretches alone, with torques where the richest candidate that stays has more than parameters.
     fn judging(&mut self, with_torques: bool) -> Result<Compensation, ResidualError> {
-        self.begin(3);
+        self.begin(4);
         let settings = self.inputs.settings;
         let held = |k: usize| is_held(settings, k);
         let parameters = self.fit("judge", false, None, &held)?;
-        let fit = match with_torques {
-            true => self.fit("judge torques", true, Some(&parameters), &held)?,
-            false => parameters,
-        };
+        let fit = self.fit("judge at step", with_torques, Some(&parameters), &held)?;
         self.compensation("judge", &fit)
     }
 

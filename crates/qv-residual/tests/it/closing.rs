@@ -141,7 +141,9 @@ fn a_robot_that_differs_is_trained_for_and_stages_that_are_kept_are_not_done_aga
     let memory = Memory::default();
     let first = close(&inputs, &memory, &mut |_| {}).unwrap();
     let kinds: Vec<&str> = first.report.candidates.iter().map(|c| c.compensation.kind.as_str()).collect();
-    assert_eq!(kinds, ["nominal", "calibrated", "parameters", "parameters and torques"]);
+    let at_step = "parameters at the training's step";
+    assert_eq!(kinds, ["nominal", "calibrated", "parameters", at_step, "parameters and torques"]);
+    assert_eq!(first.report.calibrated, 2, "the robot's parameters are those of rollouts");
     let parameters = &first.report.candidates[2];
     assert!(parameters.held_out.stays && parameters.held_out.error < 0.3 * first.report.candidates[0].held_out.error);
     assert!(first.report.control.is_some() && parameters.paths.is_some());

@@ -205,7 +205,8 @@ impl Work<'_> {
         put("compensator.json", serde_json::to_string_pretty(compensation)?.as_bytes())?;
         put("compensator.onnx", &compensation.to_onnx(self.robot)?)?;
         let mut text = String::from("# What `qv tune` found; for --params of every command.\n[parameters]\n");
-        compensation.parameters.iter().for_each(|(name, x)| _ = writeln!(text, "\"{name}\" = {x:?}"));
+        let calibrated = &candidates[closed.report.calibrated].compensation.parameters;
+        calibrated.iter().for_each(|(name, x)| _ = writeln!(text, "\"{name}\" = {x:?}"));
         put("calibrated.toml", text.as_bytes())?;
         put("settings.toml", toml::to_string(&self.settings)?.as_bytes())?;
         put("tune.json", serde_json::to_string_pretty(&closed.report)?.as_bytes())?;

@@ -236,6 +236,7 @@ mod tests {
             seconds: 600.0,
             remarks: vec![nasty.into()],
             candidates: vec![candidate("as it was", 0.02), candidate(nasty, 0.01)],
+            calibrated: 0,
             chosen: Some(1),
             why: "It strays least.".into(),
             before: score(0.4),
