@@ -4,7 +4,7 @@ use crate::effects::{Cause, EFFECTS, needs_our_engine};
 use crate::engine::Engine;
 use crate::recipe::{self, Recipe};
 use crate::record::{Outcome, record, scout};
-use crate::sections::Plan;
+use crate::sections::{Motion, Plan};
 use crate::withheld::{WITHHELD, Withheld};
 use qv_core::Mismatch;
 use qv_core::random::{SplitMix64, sub_seed};
@@ -44,6 +44,10 @@ pub struct Request {
     pub engine: EngineChoice,
     /// Of which robot.
     pub wanted: FaultRequest,
+    /// What it does.
+    pub motion: Motion,
+    /// Whether sizes of effects go down to what cannot be seen: a tenth of those drawn, at least, log-uniformly.
+    pub down_to_unseen: bool,
 }
 
 /// Why a draw was no valid recording.
@@ -139,7 +143,7 @@ fn draw(request: &Request, seed: u64) -> Result<Result<DrawnRecipe, Rejection>, 
     let mut recipe = Recipe {
         seed: sub_seed(seed, 1),
         engine,
-        plan: Plan::drawn(&mut draws),
+        plan: Plan::of(request.motion, &mut draws),
         kp: draws.between(25.0, 60.0),
         kd: draws.between(0.8, 2.0),
         differences: recipe::small_differences(sub_seed(seed, 2)),
@@ -154,6 +158,9 @@ fn draw(request: &Request, seed: u64) -> Result<Result<DrawnRecipe, Rejection>, 
         FaultRequest::Effects(names) => {
             for name in names {
                 match Cause::drawn(name, &mut draws, &scout, recipe.plan.walking()) {
+                    Some(cause) if request.down_to_unseen => {
+                        recipe.causes.push(cause.scaled(10f64.powf(-draws.uniform())));
+                    }
                     Some(cause) => recipe.causes.push(cause),
                     None => return Ok(Err(Rejection::DoesNotAct)),
                 }

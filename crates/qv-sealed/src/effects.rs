@@ -186,6 +186,28 @@ impl Cause {
         }
     }
 
+    /// The same effect with so many times its size. Limits, frictions of the ground and the time constant of contacts are values, not
+    /// deviations, and stay; so do places and times.
+    pub(crate) fn scaled(mut self, factor: f64) -> Self {
+        let is_deviation = |name: &str| {
+            let end = name.rsplit('.').next().unwrap_or(name);
+            let is_value = matches!(end, "torque_limit" | "speed_knee" | "speed_zero" | "friction" | "time_constant")
+                || matches!(end, "x_min" | "x_max" | "y_min" | "y_max" | "start" | "duration")
+                || end.starts_with("payload_") && end != "payload_mass";
+            !is_value
+        };
+        self.figures.iter_mut().filter(|f| is_deviation(f.name)).for_each(|f| f.value *= factor);
+        for (name, value) in self.settings.iter_mut().filter(|(name, _)| is_deviation(name)) {
+            let neutral = match name.rsplit('.').next().unwrap_or(name) {
+                "strength" | "kp_scale" | "kd_scale" | "inertia_scale" => 1.0,
+                "armature" => model::ARMATURE,
+                _ => 0.0,
+            };
+            *value = neutral + factor * (*value - neutral);
+        }
+        self
+    }
+
     /// An effect whose figures are parameters of the same names with this prefix.
     fn whole(effect: &'static str, scope: &str, prefix: &str, figures: Vec<Figure>) -> Self {
         let settings = figures.iter().map(|f| (format!("{prefix}{}", f.name), f.value)).collect();

@@ -23,5 +23,5 @@ pub use engine::Engine;
 pub use mixed::{GRIPPY, MixedGround, SLIPPERY, make_mixed, redraw_mixed};
 pub use recipe::Recipe;
 pub use record::{Outcome, record};
-pub use sections::{Plan, SETTLING, Section};
+pub use sections::{Motion, Plan, SETTLING, Section};
 pub use withheld::{WITHHELD, Withheld};

@@ -90,6 +90,53 @@ impl Section {
     }
 }
 
+/// What a robot does in a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Motion {
+    /// Everything: it stands, squats, sways or leans, chirps, and walks.
+    Mixed,
+    /// It walks, in one or two gaits.
+    Trot,
+    /// It turns on the spot, nearly.
+    Spin,
+    /// It walks under a restless stick: another speed and turn every one to three seconds.
+    Stick,
+    /// Knee bends of several depths.
+    Squat,
+    /// It sways and leans over its feet.
+    Sway,
+    /// It stands still.
+    Stand,
+}
+
+impl Motion {
+    /// All, in a fixed order.
+    pub const ALL: [Self; 7] = [Self::Mixed, Self::Trot, Self::Spin, Self::Stick, Self::Squat, Self::Sway, Self::Stand];
+
+    /// Whether an effect, or one that no library has, can show in it: limits of speed need joints that swing, a tether needs a robot that
+    /// leaves.
+    pub fn shows(self, effect: &str) -> bool {
+        match effect {
+            "torque_speed_limit" => matches!(self, Self::Mixed | Self::Trot | Self::Stick | Self::Spin),
+            "tether" => matches!(self, Self::Mixed | Self::Trot | Self::Stick),
+            _ => true,
+        }
+    }
+
+    /// Name in answers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mixed => "mixed",
+            Self::Trot => "trot",
+            Self::Spin => "spin",
+            Self::Stick => "stick",
+            Self::Squat => "squat",
+            Self::Sway => "sway",
+            Self::Stand => "stand",
+        }
+    }
+}
+
 /// Sections one after the other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
@@ -128,6 +175,33 @@ impl Plan {
             start += length;
         }
         STAND
+    }
+
+    /// A plan of 20 s of one motion, between stands.
+    pub fn of(motion: Motion, draws: &mut SplitMix64) -> Self {
+        const LENGTH: f64 = 20.0;
+        const STANDING: f64 = 0.6;
+        if motion == Motion::Mixed {
+            return Self::drawn(draws);
+        }
+        let mut sections = vec![(Section::Stand, STANDING)];
+        let mut left = LENGTH - 2.0 * STANDING;
+        while left > 0.0 {
+            let (section, length) = match motion {
+                Motion::Mixed | Motion::Stand => (Section::Stand, left),
+                Motion::Trot => (trot(draws), draws.between(9.0, LENGTH)),
+                Motion::Spin => (spin(draws), draws.between(4.0, 8.0)),
+                Motion::Stick => (trot(draws), draws.between(1.0, 3.0)),
+                Motion::Squat => squat(draws),
+                Motion::Sway => swaying(draws),
+            };
+            // No section is shorter than its own fading in and out.
+            let length = if left - length < 2.0 * BLEND { left } else { length };
+            sections.push((section, length));
+            left -= length;
+        }
+        sections.push((Section::Stand, STANDING));
+        Self { sections }
     }
 
     /// A plan of 20 s: it stands, then squats, chirps and sways or leans in a drawn order, and walks for the rest of the
@@ -192,9 +266,30 @@ fn trot(draws: &mut SplitMix64) -> Section {
     Section::Trot { gait, turn: draws.between(-0.35, 0.35) }
 }
 
+/// Swings forwards on one side and backwards on the other.
+fn spin(draws: &mut SplitMix64) -> Section {
+    let gait = Trot { swing: draws.between(0.03, 0.06), frequency: draws.between(1.5, 2.8), ..Default::default() };
+    Section::Trot { gait, turn: draws.sign() * draws.between(3.0, 5.0) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_motion_lasts_twenty_seconds_without_jumps() {
+        for motion in Motion::ALL {
+            for seed in 0..5 {
+                let plan = Plan::of(motion, &mut SplitMix64::new(seed));
+                assert!((plan.duration() - 20.0).abs() < 1e-9, "{motion:?}: {}", plan.duration());
+                let largest = (0..20_000).map(|k| {
+                    let (now, next) = (plan.target(0.001 * f64::from(k)), plan.target(0.001 * f64::from(k + 1)));
+                    now.iter().zip(&next).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+                });
+                assert!(largest.fold(0.0, f64::max) < 0.04, "{motion:?} {seed}");
+            }
+        }
+    }
 
     #[test]
     fn plans_repeat_last_twenty_seconds_and_have_no_jumps() {

@@ -2,7 +2,7 @@
 
 use crate::Arguments;
 use qv_core::random::{SplitMix64, sub_seed};
-use qv_sealed::{EFFECTS, FaultRequest, WITHHELD, confusable_group};
+use qv_sealed::{EFFECTS, FaultRequest, Motion, WITHHELD, confusable_group};
 
 /// One recording to make.
 pub struct Order {
@@ -11,6 +11,9 @@ pub struct Order {
     pub wanted: FaultRequest,
     /// Which one of its kind, for taking turns.
     pub turn: usize,
+    pub motion: Motion,
+    /// Whether it is drawn whole: its sizes may be too small to be seen.
+    pub is_of_study: bool,
 }
 
 /// All that the arguments ask for.
@@ -24,7 +27,7 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
         return Err(format!("--effects: expected `all` or names out of {}, found {unknown}", EFFECTS.join(", ")));
     }
     let mut orders: Vec<Order> = Vec::new();
-    let of = |case, wanted, turn| Order { case, wanted, turn };
+    let of = |case, wanted, turn| Order { case, wanted, turn, motion: Motion::Mixed, is_of_study: false };
     for round in 0..arguments.per_effect {
         // Neighbours differ, so that one recording of each effect already uses both engines.
         let single = |(i, name): (usize, &String)| of("single", FaultRequest::Effects(vec![name.clone()]), i + round);
@@ -40,10 +43,33 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
         let names = pair(&pool, &mut draws).ok_or("--pairs: expected two effects of different confusable groups")?;
         orders.push(of("pair", FaultRequest::Effects(names), turn));
     }
+    orders.extend((0..arguments.study).map(|turn| of_study(arguments.seed, turn)));
     if orders.is_empty() && arguments.mixed == 0 {
-        return Err("expected --effects, --none, --withheld, --pairs or --mixed, found nothing to record".into());
+        let expected = "--effects, --none, --withheld, --pairs, --study or --mixed";
+        return Err(format!("expected {expected}, found nothing to record"));
     }
     Ok(orders)
+}
+
+/// A recording of a study: motion and effects are drawn from the seed and its turn.
+fn of_study(seed: u64, turn: usize) -> Order {
+    let mut draws = SplitMix64::new(sub_seed(sub_seed(seed, u64::MAX - 1), turn as u64));
+    let motion = Motion::ALL[draws.index(Motion::ALL.len())];
+    let shown = |names: &[&str]| -> Vec<String> {
+        names.iter().filter(|name| motion.shows(name)).map(|name| (*name).to_owned()).collect()
+    };
+    let (effects, withheld) = (shown(&EFFECTS), shown(&WITHHELD));
+    let kind = draws.uniform();
+    let (case, wanted) = if kind < 0.35 {
+        ("none", FaultRequest::Nothing)
+    } else if kind < 0.75 {
+        ("single", FaultRequest::Effects(vec![effects[draws.index(effects.len())].clone()]))
+    } else if kind < 0.85 {
+        ("pair", FaultRequest::Effects(pair(&effects, &mut draws).expect("effects of several groups")))
+    } else {
+        ("withheld", FaultRequest::Withheld(withheld[draws.index(withheld.len())].clone()))
+    };
+    Order { case, wanted, turn, motion, is_of_study: true }
 }
 
 /// Two effects that are not known to be confused with each other.

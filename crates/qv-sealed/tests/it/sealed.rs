@@ -5,13 +5,13 @@ use qv_go2::synthetic::{Deviations, Message, write_bag};
 use qv_go2::wire;
 use qv_recording::{BagFile, Run, read_bag};
 use qv_sealed::{
-    ATTEMPTS, EFFECTS, Engine, EngineChoice, FaultRequest, Outcome, Recipe, Request, ValidRecording, WITHHELD,
+    ATTEMPTS, EFFECTS, Engine, EngineChoice, FaultRequest, Motion, Outcome, Recipe, Request, ValidRecording, WITHHELD,
     confusable_group, interface,
 };
 use std::io::Cursor;
 
 fn made(engine: EngineChoice, wanted: FaultRequest, seed: u64) -> ValidRecording {
-    qv_sealed::make(&Request { engine, wanted }, seed).unwrap()
+    qv_sealed::make(&Request { engine, wanted, motion: Motion::Mixed, down_to_unseen: false }, seed).unwrap()
 }
 
 fn single(effect: &str) -> FaultRequest {
@@ -70,7 +70,12 @@ fn the_same_seed_gives_the_same_recording() {
     assert_eq!(first, again);
     assert_ne!(first.drawn.recipe, other.drawn.recipe);
     assert_ne!(first.messages, other.messages);
-    let request = Request { engine: EngineChoice::Ours, wanted: single("motor_strength") };
+    let request = Request {
+        engine: EngineChoice::Ours,
+        wanted: single("motor_strength"),
+        motion: Motion::Mixed,
+        down_to_unseen: false,
+    };
     let redraws = first.rejected.len() as u64;
     assert_eq!(qv_sealed::redraw(&request, 5, redraws).unwrap(), first.drawn);
     let span = run(&first.messages).span();
@@ -137,7 +142,12 @@ fn each_withheld_effect_shows_and_is_logged_as_the_robot_would() {
 #[test]
 fn what_is_asked_for_is_checked() {
     for wanted in [single("motor_strenght"), FaultRequest::Withheld("payload_mass".into())] {
-        let error = qv_sealed::make(&Request { engine: EngineChoice::Ours, wanted }, 1).unwrap_err().to_string();
+        let error = qv_sealed::make(
+            &Request { engine: EngineChoice::Ours, wanted, motion: Motion::Mixed, down_to_unseen: false },
+            1,
+        )
+        .unwrap_err()
+        .to_string();
         assert!(error.contains("motor_strength") || error.contains("tether"), "{error}");
     }
 }
@@ -198,8 +208,29 @@ mod in_the_second_engine {
 #[cfg(not(feature = "rapier"))]
 #[test]
 fn an_engine_that_is_not_built_in_is_named() {
-    let request = Request { engine: EngineChoice::Second, wanted: FaultRequest::Nothing };
+    let request = Request {
+        engine: EngineChoice::Second,
+        wanted: FaultRequest::Nothing,
+        motion: Motion::Mixed,
+        down_to_unseen: false,
+    };
     assert!(qv_sealed::make(&request, 1).unwrap_err().to_string().contains("rapier"));
     let ours = made(EngineChoice::Ours, FaultRequest::Nothing, 1).drawn.recipe;
     assert!(matches!(ours.engine, Engine::Ours { .. }));
+}
+
+#[test]
+fn sizes_go_down_and_values_stay() {
+    let made = |effect: &str, down_to_unseen: bool| {
+        let request =
+            Request { engine: EngineChoice::Ours, wanted: single(effect), motion: Motion::Stand, down_to_unseen };
+        qv_sealed::make(&request, 3).unwrap().drawn.recipe.causes.remove(0)
+    };
+    let (whole, small) = (made("motor_strength", false), made("motor_strength", true));
+    let share = small.figures[0].value / whole.figures[0].value;
+    assert!((0.1..1.0).contains(&share), "{share}");
+    for ((name, small), (_, whole)) in small.settings.iter().zip(&whole.settings) {
+        assert!((small - 1.0 - share * (whole - 1.0)).abs() < 1e-12, "{name}: {small} of {whole}");
+    }
+    assert_eq!(made("contact_compliance", false).figures, made("contact_compliance", true).figures);
 }
