@@ -11,6 +11,8 @@ pub enum Objection {
     LittleEvidence([f64; 2]),
     /// Its size in tolerances.
     Trifle(f64),
+    /// Size in tolerances of the same effect on more than it, which explains the recording better.
+    PartOfTrifle(f64),
     /// Its value lies at the edge of its range.
     AtEdge,
     /// It was not looked at in windows that no fit has seen.
@@ -37,6 +39,9 @@ impl fmt::Display for Objection {
                 write!(f, "log evidence {evidence:.0} of the {needed:.0} that a cause of its kind needs")
             }
             Self::Trifle(size) => write!(f, "a size of {size:.1} tolerances"),
+            Self::PartOfTrifle(size) => {
+                write!(f, "the same effect on more than it explains the recording better, with {size:.1} tolerances")
+            }
             Self::AtEdge => write!(f, "its value lies at the edge of its range"),
             Self::NotLookedAt => write!(f, "it was not looked at in windows that no fit has seen"),
             Self::LittleBeside(shares) => {

@@ -67,9 +67,12 @@ impl<'j> Judge<'j> {
         order
     }
 
-    /// Whether something steady has far more evidence than a cause needs.
+    /// Whether something steady that is no trifle has far more evidence than a cause needs.
     pub(crate) fn is_suspicious(&self) -> bool {
-        let is_one = |c: &Candidate| c.extent.is_none() && c.whole_evidence() > self.policy.suspicious * self.needed(c);
+        let is_one = |c: &Candidate| {
+            let is_trifle = self.policy.is_trifle(c.size) || self.is_part_of_trifle(c).is_some();
+            c.extent.is_none() && !is_trifle && c.whole_evidence() > self.policy.suspicious * self.needed(c)
+        };
         self.round.candidates.iter().any(is_one)
     }
 
@@ -123,7 +126,24 @@ impl<'j> Judge<'j> {
         if self.policy.is_trifle(candidate.size) {
             return Some(Objection::Trifle(candidate.size));
         }
+        if let Some(size) = self.is_part_of_trifle(candidate) {
+            return Some(Objection::PartOfTrifle(size));
+        }
         self.is_at_edge(candidate).then_some(Objection::AtEdge)
+    }
+
+    /// Size in tolerances of the same effect on more than a steady candidate, where that has more evidence and is a trifle: the trifle explains
+    /// the candidate, whose larger size on fewer joints takes upon it what all of them share.
+    fn is_part_of_trifle(&self, candidate: &Candidate) -> Option<f64> {
+        let is_whole = |other: &&Candidate| {
+            other.effect == candidate.effect
+                && other.extent.is_none()
+                && self.policy.is_trifle(other.size)
+                && other.whole_evidence() > candidate.whole_evidence()
+                && candidate.members.iter().all(|member| other.members.contains(member))
+        };
+        let whole = self.round.candidates.iter().find(is_whole)?;
+        candidate.extent.is_none().then_some(whole.size)
     }
 
     /// Whether a steady candidate would be larger than what is looked for. What lies just within and closes most of the gap of a robot that is

@@ -46,6 +46,11 @@ pub struct Policy {
     pub changed_windows: usize,
     /// Loss over that of the null up to which a robot has no gap that anyone should look for.
     pub no_gap: f64,
+    /// Loss over that of the null that 98 % of robots without an effect stay below, of three engines' contacts and within tolerances, and
+    pub faultless_level: f64,
+    /// what the law of an actuator leaves of them, in units of the null. Both are quantiles of the open half of the study of motions
+    /// (docs/experiments/2026-11-30-motions.md): up to these nothing that is accused of nothing is called a gap.
+    pub faultless_law: f64,
     /// Loss over that of the null from which on the causes do not explain the recording. Another engine alone, with its contacts,
     /// makes 1.2 to 1.4 without an effect, and up to 1.8 beside a large one.
     pub unexplained: f64,
@@ -222,6 +227,8 @@ impl Default for Policy {
             changed: 0.02,
             changed_windows: 2,
             no_gap: 1.45,
+            faultless_level: 1.8,
+            faultless_law: 6.9,
             unexplained: 1.8,
             unexplained_at_contacts: 2.5,
             unexplained_in_quiet: 1.5,

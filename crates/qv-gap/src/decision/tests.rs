@@ -285,3 +285,22 @@ fn a_size_beyond_what_is_looked_for_bars_no_other_cause_of_an_arm() {
     assert_eq!(Judge::new(&policy, &round, false).judge().accused, [0]);
     assert_eq!(Judge::new(&policy, &round, true).judge().accused, Vec::<usize>::new());
 }
+
+#[test]
+fn a_trifle_of_all_joints_is_no_cause_in_some_of_them() {
+    let policy = Policy::default();
+    let part = Candidate { size: 4.2, ..candidate("command_latency", 400.0) };
+    let members = vec![0, 1, 3, 4, 6, 7];
+    let whole = Candidate { size: 2.4, members, log_evidence: 900.0, ..part.clone() };
+    let judged = |candidates: &[Candidate]| Judge::new(&policy, &round(candidates.to_vec(), &[]), true).judge();
+    assert_eq!(judged(&[part.clone()]).accused, [0]);
+    assert_eq!(judged(&[whole.clone(), part.clone()]).accused, Vec::<usize>::new());
+    let only_trifles = round(vec![whole.clone(), part.clone()], &[]);
+    assert!(
+        !Judge::new(&policy, &only_trifles, true).is_suspicious(),
+        "a size that any robot may have is no sign of more"
+    );
+    // One of other joints stands for itself.
+    let elsewhere = Candidate { members: vec![1, 4, 7], ..whole };
+    assert_eq!(judged(&[elsewhere, part]).accused, [1]);
+}

@@ -6,6 +6,7 @@ use super::doubt::Doubt;
 use super::evidence::{Candidate, CorrectedRobot, Evidence, Level, Round};
 use super::judge::{Judge, Judgement};
 use super::policy::Policy;
+use crate::checks::actuator_residual::ActuatorResidual;
 use crate::findings::{RankedEffect, UNKNOWN, Verdict};
 use std::collections::BTreeMap;
 
@@ -158,11 +159,13 @@ impl Case<'_> {
         if self.taken_by_pushes().is_some_and(is_faint) {
             return Verdict::NoGap;
         }
-        let actuators_agree = !is_free || actuator_left(self.policy, actuator_residuals, &[]).is_none();
+        let law = |of: &ActuatorResidual| of.ratio > self.policy.faultless_law;
+        let actuators_agree = !is_free || !actuator_left(self.policy, actuator_residuals, &[]).is_some_and(law);
+        let calm = if *is_free { self.policy.faultless_level } else { self.policy.no_gap };
         let suspicious = |round: &Round| Judge::new(self.policy, round, *is_free).is_suspicious();
         let is_suspicious = *is_free && rounds.first().is_some_and(suspicious);
         match (corrected.is_none(), self.policy.is_explained(&self.level())) {
-            (true, _) if level.ratio < self.policy.no_gap && actuators_agree && !is_suspicious => Verdict::NoGap,
+            (true, _) if level.ratio < calm && actuators_agree && !is_suspicious => Verdict::NoGap,
             (true, _) => Verdict::Unexplained,
             (false, true) => Verdict::Explained,
             (false, false) => self.partly(),
