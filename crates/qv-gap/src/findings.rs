@@ -400,7 +400,8 @@ impl TogetherEffect {
     }
 }
 
-/// The least size of an effect on a part of the robot that this recording would show with 90 % power, if nothing else were wrong.
+/// The least size of an effect on a part of the robot that this recording would show with 90 % power (80 % where it is decided by its torque
+/// balance), if nothing else were wrong.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CanTell {
     /// Effect of the library.

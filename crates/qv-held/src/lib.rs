@@ -15,6 +15,7 @@ mod fleet;
 mod gram;
 mod hypothesis;
 mod measure;
+mod profile;
 mod regressor;
 mod request;
 mod signal;
@@ -22,7 +23,7 @@ mod slices;
 mod study;
 mod table;
 
-pub use decision::{Decision, Judgement, Outcome, Policy, decide};
+pub use decision::{Decision, Judgement, Outcome, POWER, Policy, decide};
 pub use error::HeldError;
 pub use evidence::{Change, Event, Evidence, HypothesisTest, JointRow, Square};
 pub use hypothesis::{Axis, Family, Hypothesis, Tolerances};

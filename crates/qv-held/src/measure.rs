@@ -7,9 +7,10 @@ use crate::evidence::{Change, Event, Evidence, HypothesisTest, JointRow, Square}
 use crate::fleet;
 use crate::gram::{Gram, Layout, blocks, totals};
 use crate::hypothesis::{Direction, Family, Hypothesis, Nuisance, Tolerances, hypotheses, load_direction, nuisance};
+use crate::profile::Fit;
 use crate::request::Request;
 use crate::slices::pieces;
-use crate::study::{OwnSize, ReducedReference, Reduction, Reference, Study, fit, free_fit};
+use crate::study::{Profiles, Reference, Study, free_fit};
 use crate::table::joint_rows;
 use glam::DVec3;
 use qv_fit::linear::{Cholesky, Matrix, add_outer, add_scaled_matrix, product, times};
@@ -30,9 +31,11 @@ const FOLLOWED: usize = 10;
 /// Standard deviation of a drive's scale below which it counts as known.
 const KNOWN: f64 = 0.1;
 
-/// Whether recordings can be measured against references: all have torques, measured or commanded ones.
+/// Whether recordings can be measured: all have torques, measured or commanded ones, and without references the controller that a fleet would
+/// follow them with.
 pub fn can_measure(runs: &[Run], references: &[Run]) -> bool {
-    !references.is_empty() && runs.iter().chain(references).all(|run| torques(run).is_some())
+    let all_have_torques = runs.iter().chain(references).all(|run| torques(run).is_some());
+    all_have_torques && (!references.is_empty() || runs.first().is_some_and(fleet::can_follow))
 }
 
 /// Measures recordings against references.
@@ -108,7 +111,9 @@ fn weighed(
 
 /// References as if each were to be diagnosed by the others.
 struct Null {
-    left_out: Vec<ReducedReference>,
+    left_out: Vec<Profiles>,
+    /// Fits of these without a cause.
+    fits: Vec<Fit>,
     wander: Wander,
     /// Mean square that each equation leaves, and mean loss.
     squares: Vec<f64>,
@@ -117,16 +122,12 @@ struct Null {
 
 impl Null {
     fn new(study: &Study, target: &Balance, references: &[Balance]) -> Self {
-        let left_out: Vec<ReducedReference> =
-            (0..study.references.len()).into_par_iter().map(|r| study.left_out(r)).collect();
+        let left_out: Vec<Profiles> = (0..study.references.len()).into_par_iter().map(|r| study.left_out(r)).collect();
+        let fits: Vec<Fit> = left_out.iter().map(|r| r.bands[0].none()).collect();
         let rows_left = |r: usize| -> Vec<Vec<f64>> {
-            let values = left_out[r].reductions[0].values(&[], &[]);
+            let values = &fits[r].values;
             let same = |e: &Equation| references[r].equations.iter().find(|o| o.joint == e.joint && o.kind == e.kind);
-            target
-                .equations
-                .iter()
-                .map(|e| same(e).map_or(Vec::new(), |own| left(own, study.layout, &values)))
-                .collect()
+            target.equations.iter().map(|e| same(e).map_or(Vec::new(), |own| left(own, study.layout, values))).collect()
         };
         let rows: Vec<Vec<Vec<f64>>> = (0..references.len()).map(rows_left).collect();
         let mean = |e: usize| {
@@ -135,7 +136,7 @@ impl Null {
         };
         let squares: Vec<f64> = (0..target.equations.len()).map(mean).collect();
         let loss = squares.iter().zip(&study.weights).map(|(s, w)| s * w).sum::<f64>() / squares.len().max(1) as f64;
-        Self { left_out, wander: Wander::of(&rows), squares, loss }
+        Self { left_out, fits, wander: Wander::of(&rows), squares, loss }
     }
 }
 
@@ -157,7 +158,10 @@ struct Target<'a> {
     balance: &'a Balance,
     study: &'a Study<'a>,
     null: &'a Null,
-    reduced: ReducedReference,
+    profiles: Profiles,
+    none: Fit,
+    /// Sums of all rows of the narrow band.
+    sum: Matrix,
     /// Sums of each block, both bands.
     blocks: [Vec<Matrix>; 2],
     ranges: Vec<Range<usize>>,
@@ -176,22 +180,21 @@ impl<'a> Target<'a> {
     ) -> Self {
         let length = block_length(balance, study.kappa);
         let pinned = study.pinned(None);
-        let sums = totals(balance).map(|grams| study.sum(&grams));
-        let reduced = study.reduced([&sums[0], &sums[1]], &pinned, balance.time.len() as f64);
+        let [sum, wide_sum] = totals(balance).map(|grams| study.sum(&grams));
+        let profiles = study.profiles([&sum, &wide_sum], &pinned, balance.time.len() as f64);
         let (narrow, wide) =
             (blocks(&balance.time, &balance.run, length), blocks(&balance.wide_time, &balance.wide_run, length));
-        let of = |values: &dyn Fn(&Equation) -> Vec<Gram>, reduction: &Reduction, count: usize| -> Vec<Matrix> {
+        let of = |values: &dyn Fn(&Equation) -> Vec<Gram>, count: usize| -> Vec<Matrix> {
             let grams: Vec<Vec<Gram>> = balance.equations.iter().map(values).collect();
-            let block = |b: usize| reduction.of(&study.sum(&grams.iter().map(|g| g[b].clone()).collect::<Vec<_>>()));
+            let block = |b: usize| study.sum(&grams.iter().map(|g| g[b].clone()).collect::<Vec<_>>());
             (0..count).into_par_iter().map(block).collect()
         };
         let of_narrow = |e: &Equation| narrow.iter().map(|r| Gram::of(&e.values, r.clone())).collect();
         let of_wide = |e: &Equation| wide.iter().map(|r| Gram::of(&e.wide, r.clone())).collect();
-        let blocks =
-            [of(&of_narrow, &reduced.reductions[0], narrow.len()), of(&of_wide, &reduced.reductions[1], wide.len())];
-        let values = reduced.reductions[0].values(&[], &[]);
-        let none_rows = balance.equations.iter().map(|e| left(e, study.layout, &values)).collect();
-        Self { robot, balance, study, null, reduced, blocks, ranges: narrow, none_rows, context }
+        let blocks = [of(&of_narrow, narrow.len()), of(&of_wide, wide.len())];
+        let none = profiles.bands[0].none();
+        let none_rows = balance.equations.iter().map(|e| left(e, study.layout, &none.values)).collect();
+        Self { robot, balance, study, null, profiles, none, sum, blocks, ranges: narrow, none_rows, context }
     }
 
     fn evidence(&self, request: &Request, nuisance: &Nuisance) -> Evidence {
@@ -200,7 +203,6 @@ impl<'a> Target<'a> {
         let tested: Vec<HypothesisTest> = all.into_par_iter().filter_map(|h| self.test(h, scales)).collect();
         let everything: Vec<Direction> =
             tested.iter().filter(|t| t.size.len() == 1).map(|t| t.hypothesis.directions[0].clone()).collect();
-        let y = self.study.layout.width();
         let alpha = request.policy.alpha;
         Evidence {
             is_fleet: self.study.is_fleet,
@@ -208,16 +210,17 @@ impl<'a> Target<'a> {
             spikes: self.balance.spikes,
             blocks: self.ranges.iter().map(|r| [self.balance.time[r.start], self.balance.time[r.end - 1]]).collect(),
             none: self.none_losses(),
-            loss: self.reduced.bands[0][(y, y)] / self.reduced.rows,
-            free: free_loss(&self.reduced, &everything),
+            loss: self.none.loss / self.profiles.rows,
+            free: free_loss(&self.profiles, &everything),
             left_out: self
                 .null
                 .left_out
                 .iter()
-                .map(|r| [r.bands[0][(y, y)] / r.rows, free_loss(r, &everything)])
+                .zip(&self.null.fits)
+                .map(|(r, fit)| [fit.loss / r.rows, free_loss(r, &everything)])
                 .collect(),
             tested,
-            events: self.events((&[], &[]), 0.0, alpha),
+            events: self.events(&self.none, 0.0, alpha),
             joints: joint_rows(self.robot, self.balance, nuisance),
         }
     }
@@ -230,8 +233,8 @@ impl<'a> Target<'a> {
         for k in order.into_iter().take(FOLLOWED) {
             let tested = &mut evidence.tested[k];
             if !self.follow_drive(tested, request, bends)? {
-                tested.events =
-                    Some(self.events((&tested.hypothesis.directions, &tested.size), tested.loss, request.policy.alpha));
+                let fit = self.profiles.bands[0].fit(&tested.hypothesis.directions);
+                tested.events = fit.map(|fit| self.events(&fit, tested.loss, request.policy.alpha));
             }
         }
         Ok(())
@@ -251,8 +254,8 @@ impl<'a> Target<'a> {
             if found.loss >= best.as_ref().unwrap_or(tested).loss {
                 break;
             }
-            found.events =
-                Some(target.events((&found.hypothesis.directions, &found.size), found.loss, request.policy.alpha));
+            let fit = target.profiles.bands[0].fit(&found.hypothesis.directions);
+            found.events = fit.map(|fit| target.events(&fit, found.loss, request.policy.alpha));
             size.iter_mut().zip(&found.size).for_each(|(all, more)| *all += more);
             found.size.clone_from(&size);
             found.acted[0].clone_from(&tested.acted[0]);
@@ -282,16 +285,16 @@ impl<'a> Target<'a> {
     }
 
     /// Events beside a hypothesis, over what it leaves: a large cause leaves more than references do (Birge, Physical Review 40, 1932).
-    fn events(&self, (directions, size): (&[Direction], &[f64]), loss: f64, alpha: f64) -> Vec<Event> {
-        let values = self.reduced.reductions[0].values(directions, size);
-        let rows: Vec<Vec<f64>> = self.balance.equations.iter().map(|e| left(e, self.study.layout, &values)).collect();
+    fn events(&self, fit: &Fit, loss: f64, alpha: f64) -> Vec<Event> {
+        let rows: Vec<Vec<f64>> =
+            self.balance.equations.iter().map(|e| left(e, self.study.layout, &fit.values)).collect();
         let scale = (loss / self.null.loss.max(1e-12)).max(1.0).sqrt();
         scan(self.balance, &rows, (&self.null.wander, scale), self.robot.model.joint_names(), alpha)
     }
 
     fn test(&self, mut hypothesis: Hypothesis, scales: f64) -> Option<HypothesisTest> {
-        let narrow = &self.reduced.bands[0];
-        let mut own = fit(narrow, &hypothesis.directions)?;
+        let narrow = &self.profiles.bands[0];
+        let mut own = narrow.fit(&hypothesis.directions)?;
         if let Some(link) = hypothesis.load_on {
             // Its second moment is that of its place.
             for _ in 0..2 {
@@ -300,16 +303,16 @@ impl<'a> Target<'a> {
                     break;
                 }
                 hypothesis.directions[0] = load_direction(self.study.layout, link, place);
-                own = fit(narrow, &hypothesis.directions)?;
+                own = narrow.fit(&hypothesis.directions)?;
             }
         }
         let directions = &hypothesis.directions;
-        let of_references = |band: usize| -> Option<Vec<OwnSize>> {
-            self.null.left_out.iter().map(|r| fit(&r.bands[band], directions)).collect()
+        let of_references = |band: usize| -> Option<Vec<Fit>> {
+            self.null.left_out.iter().map(|r| r.bands[band].fit(directions)).collect()
         };
         let left_out: Vec<Vec<f64>> = of_references(0)?.into_iter().map(|own| own.size).collect();
-        let [losses, none, with] = self.losses(directions)?;
-        let influences = influences(&self.blocks[0], directions, &own)?;
+        let [losses, none, with] = self.losses(directions, &own)?;
+        let influences = own.influences(&self.blocks[0])?;
         let change = self.change(directions, &own, (&influences, &left_out), of_references(1));
         let is_of_links = matches!(hypothesis.family, Family::Load | Family::Inertia);
         let mut unseen = if is_of_links {
@@ -334,20 +337,20 @@ impl<'a> Target<'a> {
             losses,
             acted: [none, with],
             reference_acted: self.reference_loss(directions),
-            loss: own.loss[1] / self.reduced.rows,
+            loss: own.loss / self.profiles.rows,
             events: None,
             hypothesis,
         })
     }
 
     /// Loss of each block, predicted from the other folds: of all equations, and of those that the hypothesis acts on, without and with it.
-    fn losses(&self, directions: &[Direction]) -> Option<[Vec<f64>; 3]> {
+    fn losses(&self, directions: &[Direction], own: &Fit) -> Option<[Vec<f64>; 3]> {
         let count = self.blocks[0].len();
         let mut values: Vec<Vec<f64>> = Vec::new();
         for fold in 0..FOLDS.min(count) {
-            let mut rest = self.reduced.bands[0].clone();
+            let mut rest = self.sum.clone();
             (fold..count).step_by(FOLDS).for_each(|b| add_scaled_matrix(&mut rest, -1.0, &self.blocks[0][b]));
-            values.push(self.reduced.reductions[0].values(directions, &fit(&rest, directions)?.size));
+            values.push(own.refitted(&rest)?);
         }
         let mut all = [vec![0.0; count], vec![0.0; count], vec![0.0; count]];
         let share = 1.0 / self.balance.equations.len() as f64;
@@ -416,12 +419,12 @@ impl<'a> Target<'a> {
     fn change(
         &self,
         directions: &[Direction],
-        narrow: &OwnSize,
+        narrow: &Fit,
         (influences_narrow, left_out): (&[Vec<f64>], &[Vec<f64>]),
-        of_references: Option<Vec<OwnSize>>,
+        of_references: Option<Vec<Fit>>,
     ) -> Option<Change> {
-        let wide = fit(&self.reduced.bands[1], directions)?;
-        let influences_wide = influences(&self.blocks[1], directions, &wide)?;
+        let wide = self.profiles.bands[1].fit(directions)?;
+        let influences_wide = wide.influences(&self.blocks[1])?;
         if influences_wide.len() != influences_narrow.len() {
             return None;
         }
@@ -474,7 +477,7 @@ impl<'a> Target<'a> {
     }
 
     /// What the spread of the drives' scales adds to the covariance of a size: `sum_j sg² (S_j h)(S_j h)'`.
-    fn spread_of(&self, directions: &[Direction], own: &OwnSize, scales: f64) -> Matrix {
+    fn spread_of(&self, directions: &[Direction], own: &Fit, scales: f64) -> Matrix {
         let count = own.size.len();
         let mut all = Matrix::zeros(count, count);
         let Some(factor) = Cholesky::new(&own.information) else { return all };
@@ -526,8 +529,8 @@ fn block_length(balance: &Balance, kappa: f64) -> f64 {
 }
 
 /// Loss of a row with every hypothesis of one number free at once.
-fn free_loss(reduced: &ReducedReference, directions: &[Direction]) -> f64 {
-    let sum = &reduced.bands[0];
+fn free_loss(profiles: &Profiles, directions: &[Direction]) -> f64 {
+    let sum = &profiles.free;
     let d = crate::study::spread(sum.nrows(), directions);
     let across = product(sum, &d);
     let own = qv_fit::linear::transposed_product(&d, &across);
@@ -536,34 +539,12 @@ fn free_loss(reduced: &ReducedReference, directions: &[Direction]) -> f64 {
     let unit = |i: usize, k: usize| own[(i, k)] / (scale[i] * scale[k]) + if i == k { 1e-6 } else { 0.0 };
     let right: Vec<f64> = (0..own.nrows()).map(|i| across[(y, i)] / scale[i]).collect();
     let fall = Cholesky::new(&Matrix::from_fn(own.nrows(), own.nrows(), unit)).map_or(0.0, |f| f.length(&right));
-    (sum[(y, y)] - fall).max(0.0) / reduced.rows
-}
-
-/// Values of all columns, with that of `y`, of a hypothesis in reduced sums.
-fn values(rows: usize, directions: &[Direction], size: &[f64]) -> Vec<f64> {
-    let mut all = vec![0.0; rows];
-    all[rows - 1] = 1.0;
-    for (direction, x) in directions.iter().zip(size) {
-        direction.iter().for_each(|&(place, factor)| all[place] -= factor * x);
-    }
-    all
+    (sum[(y, y)] - fall).max(0.0) / profiles.rows
 }
 
 /// `x' a x`.
 fn length(a: &Matrix, x: &[f64]) -> f64 {
     qv_fit::linear::dot(x, &times(a, x))
-}
-
-/// By what each block moves a size: `M^-1 A_b'(y_b - A_b h)`.
-fn influences(blocks: &[Matrix], directions: &[Direction], own: &OwnSize) -> Option<Vec<Vec<f64>>> {
-    let factor = Cholesky::new(&own.information)?;
-    let rows = blocks.first()?.nrows();
-    let values = values(rows, directions, &own.size);
-    let score = |block: &Matrix| -> Vec<f64> {
-        let left = times(block, &values);
-        directions.iter().map(|d| d.iter().map(|&(i, x)| x * left[i]).sum()).collect()
-    };
-    Some(blocks.iter().map(|b| factor.solve(&score(b))).collect())
 }
 
 /// Covariance of a sum of independent terms, `n / (n - 1) sum x x'` (Liang and Zeger, Biometrika 73, 1986).

@@ -35,7 +35,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
         report.together.as_ref().map_or(String::new(), together::together),
         report.torque_balance.as_ref().map_or(String::new(), torque_balance::torque_balance),
         sentences(report),
-        sizes::sizes(&report.can_tell),
+        sizes::sizes(&report.can_tell, if is_balanced(report) { "eight of ten" } else { "nine of ten" }),
         place(&shown),
         traces::traces(&shown.traces),
         sections.concat(),
@@ -45,6 +45,11 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
     ];
     let (title, heading) = (format!("Diagnosis of {title}"), format!("Diagnosis of {}", escape(title)));
     Page { title: &title, heading: &heading, style: STYLE, body: &body.concat(), ..Page::default() }.to_html()
+}
+
+/// Whether a report is decided by the torque balance.
+fn is_balanced(report: &Report) -> bool {
+    report.torque_balance.as_ref().is_some_and(|balance| balance.p_gap.is_some())
 }
 
 /// The report with what its pictures show: without a cause, after is before.

@@ -119,3 +119,23 @@ fn recordings_that_cannot_be_weighed_are_refused_with_the_reason() {
     blank.measured.position.iter_mut().for_each(|s| s.values.fill(f64::NAN));
     fails(blank, &references, "missing");
 }
+
+#[test]
+fn without_references_a_fleet_says_what_a_robot_may_be() {
+    let model = model();
+    let (evidence, decision) = judged(recorded(&model, &[], 3.0).unwrap(), &[]);
+    assert!(evidence.is_fleet && evidence.references > 11, "{}", evidence.references);
+    assert_eq!(decision.outcome, Outcome::None);
+    // What lies within the tolerances is no cause, however well it is seen.
+    let within = recorded(&model, &[("actuator.elbow.kp_scale", 1.04), ("joint.elbow.viscous_friction", 0.12)], 3.0);
+    let (_, decision) = judged(within.unwrap(), &[]);
+    assert_eq!(decision.outcome, Outcome::None);
+    let viscous = recorded(&model, &[("joint.elbow.viscous_friction", 1.1)], 3.0).unwrap();
+    let (evidence, decision) = judged(viscous, &[]);
+    let (effect, place, size, ci95) = named(&evidence, &decision);
+    assert_eq!((effect.as_str(), place.as_str()), ("joint_viscous_friction", "elbow"));
+    assert!(ci95[0] < 1.0 && 1.0 < ci95[1] && (size - 1.0).abs() < 0.2, "{size} {ci95:?}");
+    let Outcome::Cause(k, _) = decision.outcome else { panic!("{:?}", decision.outcome) };
+    let least = decision.judged[k].least[0];
+    assert!(least > 0.03 && least < 1.0, "{least}: above the tolerance, and below what was found");
+}
