@@ -1,6 +1,7 @@
 //! What is measured of a recording and its references: plain data, from which everything is decided.
 
 use crate::hypothesis::Hypothesis;
+use crate::traces::TorqueTrace;
 use serde::{Deserialize, Serialize};
 
 /// Rows of a square matrix.
@@ -61,6 +62,9 @@ pub struct HypothesisTest {
     pub loss: f64,
     /// Events that are left beside it; none where that was not looked for.
     pub events: Option<Vec<Event>>,
+    /// What it leaves of each joint's torque \[N m\], in the order of the traces; empty where it was not followed.
+    #[serde(skip)]
+    pub left: Vec<Vec<f64>>,
 }
 
 /// Friction and rotor of a joint, whatever the verdict.
@@ -105,9 +109,22 @@ pub struct Evidence {
     pub events: Vec<Event>,
     /// Joints.
     pub joints: Vec<JointRow>,
+    /// Torques over time, for plots; empty where none are weighed.
+    #[serde(skip)]
+    pub traces: Vec<TorqueTrace>,
 }
 
 impl Evidence {
+    /// Torques over time with what a hypothesis, by its index, makes of them.
+    pub fn torque_traces(&self, hypothesis: Option<usize>) -> Vec<TorqueTrace> {
+        let left = hypothesis.map_or(&[][..], |k| &self.tested[k].left);
+        let mut all = self.traces.clone();
+        all.iter_mut()
+            .zip(left)
+            .for_each(|(trace, left)| trace.corrected = qv_fit::linear::minus(&trace.measured, left));
+        all
+    }
+
     /// Mean loss of references that were left out.
     pub fn reference_loss(&self) -> f64 {
         self.left_out.iter().map(|l| l[0]).sum::<f64>() / self.left_out.len().max(1) as f64

@@ -1,17 +1,21 @@
 //! From recordings to evidence.
 
 use crate::HeldError;
-use crate::balance::{Balance, Bends, Column, Drive, Equation, Kind, Robot, Term, bends, has_torques, torques};
+use crate::balance::{Balance, Column, Equation, Kind, Robot, Term, bends, has_torques, torques};
 use crate::events::{Wander, left, scan};
 use crate::evidence::{Change, Event, Evidence, HypothesisTest, JointRow, Square};
 use crate::fleet;
 use crate::gram::{Gram, Layout, blocks, totals};
 use crate::hypothesis::{Direction, Family, Hypothesis, Nuisance, Tolerances, hypotheses, load_direction, nuisance};
+use crate::path;
 use crate::profile::Fit;
 use crate::request::Request;
+use crate::servo::LoadForm;
 use crate::slices::pieces;
+use crate::source::{Source, calibrated, moved};
 use crate::study::{Profiles, Reference, Study, free_fit};
 use crate::table::joint_rows;
+use crate::traces::{torques_left, traces};
 use glam::DVec3;
 use qv_fit::linear::{Cholesky, Matrix, add_outer, add_scaled_matrix, product, times};
 use qv_recording::Run;
@@ -31,8 +35,8 @@ const FOLLOWED: usize = 10;
 /// Standard deviation of a drive's scale below which it counts as known.
 const KNOWN: f64 = 0.1;
 
-/// Whether recordings can be measured: all have torques, measured or commanded ones, and without references the controller that a fleet would
-/// follow them with.
+/// Whether recordings can be judged at the rates of the policy: all have torques, measured or commanded ones, and without references there is the
+/// controller that a fleet follows them with. Servos without torques can be measured, too; what comes of it has no tested rate.
 pub fn can_measure(runs: &[Run], references: &[Run]) -> bool {
     let all_have_torques = runs.iter().chain(references).all(|run| torques(run).is_some());
     all_have_torques && (!references.is_empty() || runs.first().is_some_and(fleet::can_follow))
@@ -44,32 +48,54 @@ pub fn can_measure(runs: &[Run], references: &[Run]) -> bool {
 /// When recordings and model do not belong together, or there is too little to weigh.
 pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     let first = request.runs.first().ok_or_else(|| HeldError::recording("recordings", "there is none"))?;
-    let robot = Robot::new(first, request.model, request.given)?;
+    let mut robot = Robot::new(first, request.model, request.given)?;
     let is_fleet = request.references.is_empty();
     let recorded = pieces(request.references, PIECES);
+    if request.runs.iter().chain(&recorded).any(|run| torques(run).is_none()) {
+        if !request.runs.iter().chain(&recorded).all(path::can_follow) {
+            return Err(HeldError::recording("recording", "neither torques nor commands of servos"));
+        }
+        robot.servos = Some(path::servos(&robot, LoadForm::StaticExternal));
+    }
     let bends = bends(if is_fleet { request.runs } else { &recorded }, request.runs, &robot)?;
-    let target = Balance::new(request.runs, &robot, &bends)?;
     let period = first.measured.position.as_ref().map_or(0.0, |p| qv_recording::median_interval(&p.time));
-    let nuisance = nuisance(&robot, &target, &request.policy.tolerances, period);
+    let tolerances = &request.policy.tolerances;
+    let mut sources = recorded.chunks(1).map(|r| Source::new(r, &robot, &bends)).collect::<Result<Vec<_>, _>>()?;
+    if robot.servos.is_some() && !is_fleet {
+        robot = calibrated(&robot, &sources, tolerances, period)?;
+    }
+    let source = Source::new(request.runs, &robot, &bends)?;
+    let target = source.balance(&robot)?;
+    let mut nuisance = nuisance(&robot, &target, tolerances, period);
+    if robot.servos.is_some() && !is_fleet {
+        nuisance = nuisance.without_links(Layout::of(&robot));
+    }
     let simulated =
         if is_fleet { fleet::simulate(request, &robot, &usual_torques(&robot, &target))? } else { Vec::new() };
-    let references = if is_fleet { &simulated } else { &recorded };
-    let (references, balances) = weighed(references, &robot, &bends, &target)?;
+    let (references, balances) = if is_fleet {
+        let read = |run: &[Run]| weighed(&Source::new(run, &robot, &bends)?, &robot, &target);
+        simulated.par_chunks(1).map(read).collect::<Result<Vec<_>, _>>()?.into_iter().unzip()
+    } else {
+        let all = sources.par_iter().map(|s| weighed(s, &robot, &target)).collect::<Result<Vec<_>, _>>()?;
+        sources.clear();
+        all.into_iter().unzip()
+    };
+    let (references, balances): (Vec<Reference>, Vec<Balance>) = (references, balances);
     let study = Study::new(Layout::of(&robot), &target.equations, &references, &nuisance, is_fleet);
     let null = Null::new(&study, &target, &balances);
-    let days = (request.references.len() == 1).then_some(&request.policy.tolerances);
+    let days = (request.references.len() == 1).then_some(tolerances);
     let context =
         Context { limits: bends.limit.clone(), speeds: bends.top.clone(), interval: interval_of(first), days };
     let target = Target::new(&robot, &target, &study, &null, &context);
     let mut evidence = target.evidence(request, &nuisance);
-    target.follow(&mut evidence, request, &bends)?;
+    target.follow(&mut evidence, request, &source)?;
     Ok(evidence)
 }
 
 /// Root mean square torque of each joint \[N m\], shape `[joints]`.
 fn usual_torques(robot: &Robot, balance: &Balance) -> Vec<f64> {
     let mut all = vec![0.0; robot.joints()];
-    for equation in balance.equations.iter().filter(|e| e.kind == Kind::Balance) {
+    for equation in balance.equations.iter().filter(|e| e.kind != Kind::Law) {
         let mean = qv_fit::linear::squared(&equation.modelled) / equation.modelled.len().max(1) as f64;
         all[equation.joint] = mean.sqrt();
     }
@@ -89,24 +115,15 @@ pub fn joint_table(request: &Request) -> Vec<JointRow> {
     table().unwrap_or_default()
 }
 
-/// References as sums, and with their rows.
-fn weighed(
-    runs: &[Run],
-    robot: &Robot,
-    bends: &Bends,
-    target: &Balance,
-) -> Result<(Vec<Reference>, Vec<Balance>), HeldError> {
-    let one = |run: &Run| -> Result<(Reference, Balance), HeldError> {
-        let mut balance = Balance::new(std::slice::from_ref(run), robot, bends)?;
-        let lacks = || HeldError::recording("reference", "it lacks torques or commands that the recording has");
-        let reference = Reference::new(&balance, &target.equations).ok_or_else(lacks)?;
-        let is_known = |e: &Equation| target.equations.iter().any(|t| t.joint == e.joint && t.kind == e.kind);
-        balance.equations.retain(is_known);
-        balance.equations.iter_mut().for_each(|e| e.wide = Vec::new());
-        Ok((reference, balance))
-    };
-    let all: Vec<(Reference, Balance)> = runs.par_iter().map(one).collect::<Result<_, _>>()?;
-    Ok(all.into_iter().unzip())
+/// A reference as sums, and with its rows.
+fn weighed(source: &Source, robot: &Robot, target: &Balance) -> Result<(Reference, Balance), HeldError> {
+    let mut balance = source.balance(robot)?;
+    let lacks = || HeldError::recording("reference", "it lacks torques or commands that the recording has");
+    let reference = Reference::new(&balance, &target.equations).ok_or_else(lacks)?;
+    let is_known = |e: &Equation| target.equations.iter().any(|t| t.joint == e.joint && t.kind == e.kind);
+    balance.equations.retain(is_known);
+    balance.equations.iter_mut().for_each(|e| e.wide = Vec::new());
+    Ok((reference, balance))
 }
 
 /// References as if each were to be diagnosed by the others.
@@ -221,41 +238,51 @@ impl<'a> Target<'a> {
                 .collect(),
             tested,
             events: self.events(&self.none, 0.0, alpha),
-            joints: joint_rows(self.robot, self.balance, nuisance),
+            traces: traces(self.robot, self.balance, &self.none_rows),
+            joints: if self.robot.servos.is_some() {
+                joint_table(request)
+            } else {
+                joint_rows(self.robot, self.balance, nuisance)
+            },
         }
     }
 
     /// Follows the best hypotheses: to where their columns are those of their sizes, and to the events that are left beside them.
-    fn follow(&self, evidence: &mut Evidence, request: &Request, bends: &Bends) -> Result<(), HeldError> {
+    fn follow(&self, evidence: &mut Evidence, request: &Request, source: &Source) -> Result<(), HeldError> {
         let mut order: Vec<usize> = (0..evidence.tested.len()).collect();
         let loss = |t: &HypothesisTest| t.losses.iter().sum::<f64>();
         order.sort_by(|&a, &b| loss(&evidence.tested[a]).total_cmp(&loss(&evidence.tested[b])));
         for k in order.into_iter().take(FOLLOWED) {
             let tested = &mut evidence.tested[k];
-            if !self.follow_drive(tested, request, bends)? {
-                let fit = self.profiles.bands[0].fit(&tested.hypothesis.directions);
-                tested.events = fit.map(|fit| self.events(&fit, tested.loss, request.policy.alpha));
+            if !self.follow_drive(tested, request, source)? {
+                self.note_left(tested, request.policy.alpha);
             }
         }
         Ok(())
     }
 
+    /// Notes what a hypothesis leaves of torques, and the events in that.
+    fn note_left(&self, tested: &mut HypothesisTest, alpha: f64) {
+        let Some(fit) = self.profiles.bands[0].fit(&tested.hypothesis.directions) else { return };
+        tested.events = Some(self.events(&fit, tested.loss, alpha));
+        tested.left = torques_left(self.balance, self.study.layout, &fit.values);
+    }
+
     /// Gauss and Newton's steps of a hypothesis of motors, friction or rotors: the equations are computed anew with its size, and with them what delays and
     /// scales that are pinned make of it. Whether its fit is better there.
-    fn follow_drive(&self, tested: &mut HypothesisTest, request: &Request, bends: &Bends) -> Result<bool, HeldError> {
+    fn follow_drive(&self, tested: &mut HypothesisTest, request: &Request, source: &Source) -> Result<bool, HeldError> {
         const STEPS: usize = 3;
         let mut size = tested.size.clone();
         let mut best: Option<HypothesisTest> = None;
         for _ in 0..STEPS {
             let Some(robot) = self.moved(&tested.hypothesis, &size) else { break };
-            let balance = Balance::new(request.runs, &robot, bends)?;
+            let balance = source.balance(&robot)?;
             let target = Target::new(&robot, &balance, self.study, self.null, self.context);
             let Some(mut found) = target.test(tested.hypothesis.clone(), 0.0) else { break };
             if found.loss >= best.as_ref().unwrap_or(tested).loss {
                 break;
             }
-            let fit = target.profiles.bands[0].fit(&found.hypothesis.directions);
-            found.events = fit.map(|fit| target.events(&fit, found.loss, request.policy.alpha));
+            target.note_left(&mut found, request.policy.alpha);
             size.iter_mut().zip(&found.size).for_each(|(all, more)| *all += more);
             found.size.clone_from(&size);
             found.acted[0].clone_from(&tested.acted[0]);
@@ -266,22 +293,15 @@ impl<'a> Target<'a> {
         Ok(true)
     }
 
-    /// The robot with motors, friction and rotors as a hypothesis has them; `None` for others, and where that means nothing.
+    /// The robot as a hypothesis has it; `None` where no equation is computed anew for that, and where it means nothing.
     fn moved(&self, hypothesis: &Hypothesis, size: &[f64]) -> Option<Robot<'a>> {
-        let mut robot = self.robot.clone();
-        for (direction, x) in hypothesis.directions.iter().zip(size) {
-            for &(place, factor) in direction {
-                let (joint, term) = self.study.layout.term(place)?;
-                match term {
-                    Term::Coulomb => robot.coulomb[joint] += x * factor,
-                    Term::Viscous => robot.viscous[joint] += x * factor,
-                    Term::Armature => robot.armature[joint] += x * factor,
-                    _ if Drive::has(term) => robot.drives[joint].add(term, x * factor),
-                    _ => return None,
-                }
-            }
-        }
-        robot.drives.iter().all(Drive::is_sound).then_some(robot)
+        let all: Vec<(usize, f64)> = hypothesis
+            .directions
+            .iter()
+            .zip(size)
+            .flat_map(|(direction, x)| direction.iter().map(move |&(place, factor)| (place, x * factor)))
+            .collect();
+        moved(self.robot, self.study.layout, &all)
     }
 
     /// Events beside a hypothesis, over what it leaves: a large cause leaves more than references do (Birge, Physical Review 40, 1932).
@@ -339,6 +359,7 @@ impl<'a> Target<'a> {
             reference_acted: self.reference_loss(directions),
             loss: own.loss / self.profiles.rows,
             events: None,
+            left: Vec::new(),
             hypothesis,
         })
     }

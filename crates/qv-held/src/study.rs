@@ -220,6 +220,14 @@ impl<'a> Study<'a> {
         })
     }
 
+    /// Values that all references ask for within some tolerances, narrow band, shape `[width]`.
+    pub fn fit_references(&self, slack: f64) -> Vec<f64> {
+        let width = self.layout.width();
+        let mut sum = Matrix::zeros(width + 1, width + 1);
+        self.sums.iter().for_each(|s| add_scaled_matrix(&mut sum, 1.0, &s[0]));
+        fit_nuisance(self.layout, self.nuisance, slack, &sum, self.kappa)
+    }
+
     /// A reference as if it were to be diagnosed, by the others.
     pub fn left_out(&self, r: usize) -> Profiles {
         // A fleet's mean hardly depends on one of its robots.

@@ -139,3 +139,24 @@ fn without_references_a_fleet_says_what_a_robot_may_be() {
     let least = decision.judged[k].least[0];
     assert!(least > 0.03 && least < 1.0, "{least}: above the tolerance, and below what was found");
 }
+
+/// A recording as a servo logs it: positions and commands.
+fn of_servo(mut run: Run) -> Run {
+    run.measured.torque = None;
+    run
+}
+
+#[test]
+fn servos_without_torques_are_measured_by_their_positions() {
+    let model = model();
+    let references: Vec<Run> = references(&model).into_iter().map(of_servo).collect();
+    let (_, decision) = judged(of_servo(recorded(&model, &[], 3.0).unwrap()), &references);
+    assert_eq!(decision.outcome, Outcome::None);
+    let loaded = of_servo(recorded(&model, &[("link.lower.payload_mass", 0.5)], 3.0).unwrap());
+    let (evidence, decision) = judged(loaded, &references);
+    let k =
+        evidence.tested.iter().position(|t| t.hypothesis.effect == "payload_mass" && t.hypothesis.scope == ["lower"]);
+    let k = k.unwrap();
+    let size = evidence.tested[k].size[0];
+    assert!((size - 0.5).abs() < 0.05 && decision.judged[k].p_size < 1e-3, "{size} {:?}", decision.judged[k]);
+}
