@@ -59,6 +59,11 @@ fn one(
         Err(qv_held::HeldError::Fleet(..)) => return Ok(None),
         measured => measured?,
     };
+    let named = match qv_held::decide(&held, &options.policy.held).outcome {
+        qv_held::Outcome::Cause(k, _) => Some(k),
+        _ => None,
+    };
+    let torque_traces = held.torque_traces(named).into_iter().map(rounded).collect();
     let seconds = now() - begun;
     let evidence = Evidence {
         format: FORMAT.into(),
@@ -75,12 +80,20 @@ fn one(
         held_out: [held.loss, held.reference_loss()],
         rounds: Vec::new(),
         corrected: None,
-        report: Some(data(prepared, &held, seconds)),
+        report: Some(data(prepared, &held, torque_traces, seconds)),
         camera: None,
         held: Some(held),
     };
     let report = report::report(&evidence, &options.policy)?;
     Ok(Some((evidence, report)))
+}
+
+/// A trace to a ten-thousandth of its units, as is seen of it.
+fn rounded(mut trace: qv_held::TorqueTrace) -> qv_held::TorqueTrace {
+    let t = &mut trace;
+    let all = [&mut t.time, &mut t.speed, &mut t.measured, &mut t.predicted, &mut t.corrected, &mut t.friction];
+    all.into_iter().flatten().for_each(|x| *x = (*x * 1e4).round() * 1e-4);
+    trace
 }
 
 fn facts(effect: &Effect, without: &[String]) -> EffectFacts {
@@ -98,7 +111,12 @@ fn facts(effect: &Effect, without: &[String]) -> EffectFacts {
 }
 
 /// What a report shows of the robot as it is stated.
-fn data(prepared: &PreparedRuns, held: &qv_held::Evidence, seconds: f64) -> ReportData {
+fn data(
+    prepared: &PreparedRuns,
+    held: &qv_held::Evidence,
+    torque_traces: Vec<qv_held::TorqueTrace>,
+    seconds: f64,
+) -> ReportData {
     let floor = held.reference_loss();
     let gap = Gap {
         before: held.loss,
@@ -163,6 +181,7 @@ fn data(prepared: &PreparedRuns, held: &qv_held::Evidence, seconds: f64) -> Repo
         causes: Vec::new(),
         traces: Traces::default(),
         joint_rows: held.joints.clone(),
+        torque_traces,
         stages: vec![Stage { name: "torque balance".into(), steps: 0 }],
         timing: Timing { runtime_s: seconds, stages_s: vec![seconds] },
         provenance: None,

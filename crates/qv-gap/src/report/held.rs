@@ -190,6 +190,7 @@ impl Page<'_> {
             set: self.set().map(member).collect(),
             events: self.decision.events.clone(),
             joints: data.joint_rows.clone(),
+            traces: data.torque_traces.clone(),
         }
     }
 

@@ -71,6 +71,9 @@ pub struct TorqueBalance {
     pub events: Vec<qv_held::Event>,
     /// Friction and rotor of each joint: value, standard deviation, and what is stated.
     pub joints: Vec<qv_held::JointRow>,
+    /// Torques over time: for the page, too much for `report.json`.
+    #[serde(skip)]
+    pub traces: Vec<qv_held::TorqueTrace>,
 }
 
 /// A hypothesis that explains the recording as well as the best one by chance.
