@@ -173,7 +173,6 @@ fn acts_outside(evidence: &Evidence, k: usize, events: &[Event], policy: &Policy
 }
 
 fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_change]: [[f64; 2]; 2]) -> Judgement {
-    let k = t.size.len() as f64;
     let l0 = evidence.reference_loss();
     let p_size = p_size(evidence, (&t.size, &t.sandwich, &t.left_out), (&t.information, &t.drift), of_size);
     let p_bandwidth = t.change.as_ref().map_or(1.0, |c| p_size_of_change(evidence, c, &t.information, of_change));
@@ -181,10 +180,14 @@ fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_
     let ci95 = intervals(evidence, t, of_size, l0);
     let least = least_sizes(evidence, t, of_size, policy);
     let is_in = |i: usize| (t.hypothesis.axes[i].range[0]..=t.hypothesis.axes[i].range[1]).contains(&t.size[i]);
-    // The mass of a load names it: the other numbers are its place.
-    let names = if t.hypothesis.effect == "com_offset" || t.hypothesis.load_on.is_none() && k > 1.0 { 0 } else { 1 };
-    let is_told = (0..names).all(|i| ci95[i][0] * ci95[i][1] > 0.0);
-    let is_physical = is_told && (0..t.size.len()).all(is_in);
+    // The mass of a load names it: the other numbers are its place. Of joints with a number each every one must be there.
+    let names = match t.hypothesis.effect.as_str() {
+        "com_offset" => 0,
+        _ if t.hypothesis.load_on.is_some() => 1,
+        _ => t.size.len(),
+    };
+    let is_known = (0..names).all(|i| ci95[i][0] * ci95[i][1] > 0.0);
+    let is_physical = is_known && (0..t.size.len()).all(is_in);
     let share = if evidence.loss > l0 { (evidence.loss - t.loss) / (evidence.loss - l0) } else { 0.0 };
     let count = evidence.tested.len().max(1) as f64;
     let passed = p_size < policy.alpha / count

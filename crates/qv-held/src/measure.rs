@@ -340,6 +340,8 @@ impl<'a> Target<'a> {
         } else {
             Matrix::zeros(own.size.len(), own.size.len())
         };
+        // What stands at a side of its tolerance may be anywhere within it.
+        own.play.iter().enumerate().for_each(|(i, play)| unseen[(i, i)] += play * play / 3.0);
         // When a command came within the one before it is not seen: evenly within an interval.
         for (i, direction) in directions.iter().enumerate() {
             let is_late =

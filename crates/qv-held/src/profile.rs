@@ -58,6 +58,8 @@ pub(crate) struct Fit {
     pub loss: f64,
     /// Values of all columns, with that of `y` (1) as the last, of what is left.
     pub values: Vec<f64>,
+    /// By how much each size differs from that with what is pinned at the sides of the box in its middle.
+    pub play: Vec<f64>,
     /// The same without the hypothesis, where the rest is as beside it.
     without: Vec<f64>,
     /// By what a unit of each size changes all columns, with what it moves of what is uncertain.
@@ -118,6 +120,7 @@ impl Profile {
             information: Matrix::zeros(0, 0),
             loss: dot(&self.opening, &times(&self.sum, &self.opening)),
             values: self.opening.clone(),
+            play: Vec::new(),
             without: self.opening.clone(),
             directions: Vec::new(),
         };
@@ -202,23 +205,37 @@ impl Profile {
             free.iter().zip(taken).for_each(|(&k, by)| values[k] -= x * by);
         }
         let loss = dot(&all, &times(&self.sum, &all)).max(0.0);
-        Some((Fit { size, information, loss, values: all, without, directions: effective }, values))
+        let play = self.play(&effective, &information, sides);
+        Some((Fit { size, information, loss, values: all, play, without, directions: effective }, values))
+    }
+
+    /// What values at the sides of the box make of a size.
+    fn play(&self, directions: &[Vec<f64>], information: &Matrix, sides: &[Side]) -> Vec<f64> {
+        let still = || vec![0.0; directions.len()];
+        let (Some(uncertain), Some(factor)) = (&self.uncertain, Cholesky::new(information)) else { return still() };
+        let pull = times(&uncertain.across, &uncertain.at_sides(sides));
+        factor.solve(&directions.iter().map(|d| dot(d, &pull)).collect::<Vec<_>>())
     }
 }
 
 impl Uncertainty {
     /// The best values without a hypothesis, those at a side pinned there.
     fn values(&self, factor: &Cholesky, sides: &[Side], free: &[usize]) -> Vec<f64> {
-        let at = |k: usize| match sides[k] {
-            Side::Free => 0.0,
-            Side::Lower => -self.bounds[k],
-            Side::Upper => self.bounds[k],
-        };
-        let mut values: Vec<f64> = (0..sides.len()).map(at).collect();
+        let mut values = self.at_sides(sides);
         let pinned = times(&self.own, &values);
         let own = factor.solve(&free.iter().map(|&k| self.right[k] - pinned[k]).collect::<Vec<_>>());
         free.iter().zip(own).for_each(|(&k, x)| values[k] = x);
         values
+    }
+
+    /// Values at the sides of the box; 0 of those that are free.
+    fn at_sides(&self, sides: &[Side]) -> Vec<f64> {
+        let at = |(side, bound): (&Side, &f64)| match side {
+            Side::Free => 0.0,
+            Side::Lower => -bound,
+            Side::Upper => *bound,
+        };
+        sides.iter().zip(&self.bounds).map(at).collect()
     }
 
     /// Takes values from those of all columns.
@@ -290,6 +307,10 @@ mod tests {
             };
             let (h, n) = (fit.size[0], -fit.values[1]);
             assert!(n.abs() <= 0.1 + 1e-9);
+            // With the second column in the middle of its box the first would take what that has at its side.
+            let middle = Profile::new(sum.clone(), &[0.0, 0.0], None).fit(&[vec![(0, 1.0)]]).unwrap();
+            let play = if n.abs() > 0.1 - 1e-9 { h - middle.size[0] } else { 0.0 };
+            assert!((fit.play[0].abs() - play.abs()).abs() < 1e-9, "{:?} {play}", fit.play);
             for (more_h, more_n) in [(1e-3, 0.0), (-1e-3, 0.0), (0.0, 1e-3), (0.0, -1e-3)] {
                 if (n + more_n).abs() <= 0.1 {
                     assert!(loss(h + more_h, n + more_n) >= loss(h, n), "{uncertain}: {h} {n}");
