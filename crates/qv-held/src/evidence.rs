@@ -1,7 +1,6 @@
 //! What is measured of a recording and its references: plain data, from which everything is decided.
 
 use crate::hypothesis::Hypothesis;
-use crate::traces::TorqueTrace;
 use serde::{Deserialize, Serialize};
 
 /// Rows of a square matrix.
@@ -82,6 +81,27 @@ pub struct JointRow {
     pub excitation: [f64; 2],
     /// Rms of torque: recorded, left by the robot as it is stated, and left with the row's values \[N m\].
     pub torque: [f64; 3],
+}
+
+/// Torques of a joint at the rows of its balance, all through one filter.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct TorqueTrace {
+    /// Joint.
+    pub joint: String,
+    /// Times \[s\], run after run.
+    pub time: Vec<f64>,
+    /// Run that each row is of, from 0.
+    pub run: Vec<usize>,
+    /// Speed of the joint \[rad/s\].
+    pub speed: Vec<f64>,
+    /// Recorded torque \[N m\].
+    pub measured: Vec<f64>,
+    /// Torque of the robot as its references show it \[N m\].
+    pub predicted: Vec<f64>,
+    /// The same with what is named as the cause \[N m\]; empty without.
+    pub corrected: Vec<f64>,
+    /// Recorded torque less that of links and rotor of the model \[N m\].
+    pub friction: Vec<f64>,
 }
 
 /// All that is measured.

@@ -29,8 +29,7 @@ mod traces;
 
 pub use decision::{Decision, Judgement, Outcome, POWER, Policy, decide};
 pub use error::HeldError;
-pub use evidence::{Change, Event, Evidence, HypothesisTest, JointRow, Square};
+pub use evidence::{Change, Event, Evidence, HypothesisTest, JointRow, Square, TorqueTrace};
 pub use hypothesis::{Axis, Family, Hypothesis, Tolerances};
 pub use measure::{can_measure, joint_table, measure};
 pub use request::Request;
-pub use traces::TorqueTrace;

@@ -554,7 +554,7 @@ fn block_length(balance: &Balance, kappa: f64) -> f64 {
 /// Loss of a row with every hypothesis of one number free at once.
 fn free_loss(profiles: &Profiles, directions: &[Direction]) -> f64 {
     let sum = &profiles.free;
-    let d = crate::study::spread(sum.nrows(), directions);
+    let d = crate::profile::spread(sum.nrows(), directions);
     let across = product(sum, &d);
     let own = qv_fit::linear::transposed_product(&d, &across);
     let y = sum.nrows() - 1;

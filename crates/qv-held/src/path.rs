@@ -60,7 +60,7 @@ pub(crate) fn servos(robot: &Robot, form: LoadForm) -> Servos {
 }
 
 /// What a joint carries along its measured path, linear in the links' parameters; shape `[columns][instants]` each.
-struct Carried {
+struct LoadRegressor {
     columns: Vec<usize>,
     force: Vec<Vec<f64>>,
     inertia: Vec<Vec<f64>>,
@@ -70,7 +70,7 @@ struct Carried {
 /// A recording as it is simulated; computed once.
 pub(crate) struct Path {
     signals: Signals,
-    carried: Vec<Carried>,
+    carried: Vec<LoadRegressor>,
     substeps: usize,
     /// Commanded positions, speeds and torques at each step of the simulation, shape `[joints][3][steps]`.
     commands: Vec<[Vec<f64>; 3]>,
@@ -282,7 +282,7 @@ fn commands(run: &Run, column: usize, fine: &Grid) -> [Vec<f64>; 3] {
 }
 
 /// What each joint carries along the measured path.
-fn carried(robot: &Robot, signals: &Signals) -> Vec<Carried> {
+fn carried(robot: &Robot, signals: &Signals) -> Vec<LoadRegressor> {
     let (joints, width, count) = (robot.joints(), INERTIAL * robot.model.links.len(), signals.time.len());
     let mut all: Vec<[Vec<Vec<f64>>; 3]> = vec![[(); 3].map(|()| vec![vec![0.0; count]; width]); joints];
     let zeros = vec![0.0; joints];
@@ -313,7 +313,7 @@ fn carried(robot: &Robot, signals: &Signals) -> Vec<Carried> {
         let is_seen = |c: &usize| force[*c].iter().chain(&inertia[*c]).any(|x| x.abs() > 1e-12);
         let columns: Vec<usize> = (0..width).filter(is_seen).collect();
         let pick = |of: &[Vec<f64>]| columns.iter().map(|&c| of[c].clone()).collect();
-        Carried { force: pick(&force), inertia: pick(&inertia), slope: pick(&slope), columns }
+        LoadRegressor { force: pick(&force), inertia: pick(&inertia), slope: pick(&slope), columns }
     };
     all.into_iter().map(kept).collect()
 }

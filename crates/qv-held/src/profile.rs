@@ -5,7 +5,6 @@
 //! Operations Research 21, 1994): what leaves the box is pinned at its side, what is pinned and would return is free again.
 
 use crate::hypothesis::{Direction, Nuisance};
-use crate::study::spread;
 use qv_fit::linear::{
     Cholesky, Matrix, add_diagonal, add_scaled, dot, product, times, transposed_product, transposed_times,
 };
@@ -251,6 +250,15 @@ impl Uncertainty {
         free.iter().zip(&taken).for_each(|(&k, x)| add_scaled(direction, -x, self.directions.col_as_slice(k)));
         taken
     }
+}
+
+/// Directions as the columns of a matrix.
+pub(crate) fn spread(rows: usize, directions: &[Direction]) -> Matrix {
+    let mut all = Matrix::zeros(rows, directions.len());
+    for (k, direction) in directions.iter().enumerate() {
+        direction.iter().for_each(|&(place, x)| all[(place, k)] += x);
+    }
+    all
 }
 
 fn sizes(information: &Matrix, right: &[f64]) -> Option<Vec<f64>> {

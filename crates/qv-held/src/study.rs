@@ -6,7 +6,7 @@
 use crate::balance::{Balance, Equation};
 use crate::gram::{Gram, Layout, assemble, totals};
 use crate::hypothesis::{Direction, Nuisance};
-use crate::profile::Profile;
+use crate::profile::{Profile, spread};
 use qv_fit::linear::{Cholesky, Matrix, add_diagonal, add_scaled_matrix, product, transposed_product};
 
 /// How much wider than tolerances a robot is taken to be whose own recordings show what it is.
@@ -95,15 +95,6 @@ fn fit_nuisance(layout: Layout, nuisance: &Nuisance, slack: f64, sum: &Matrix, k
     let Some(factor) = Cholesky::new(&a) else { return vec![0.0; width] };
     let solved = factor.solve(&right);
     qv_fit::linear::times(&d, &solved)[..width].to_vec()
-}
-
-/// Directions as the columns of a matrix.
-pub(crate) fn spread(rows: usize, directions: &[Direction]) -> Matrix {
-    let mut all = Matrix::zeros(rows, directions.len());
-    for (k, direction) in directions.iter().enumerate() {
-        direction.iter().for_each(|&(place, x)| all[(place, k)] += x);
-    }
-    all
 }
 
 /// Sums of what is left: `y` less what is pinned, all columns less what `uncertain` directions take, which are free at a stiffness beside everything.

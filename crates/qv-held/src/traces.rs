@@ -2,29 +2,8 @@
 
 use crate::balance::{Balance, Column, Equation, Kind, Robot, Term};
 use crate::events::left;
+use crate::evidence::TorqueTrace;
 use crate::gram::Layout;
-use serde::{Deserialize, Serialize};
-
-/// Torques of a joint at the rows of its balance, all through one filter.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct TorqueTrace {
-    /// Joint.
-    pub joint: String,
-    /// Times \[s\], run after run.
-    pub time: Vec<f64>,
-    /// Run that each row is of, from 0.
-    pub run: Vec<usize>,
-    /// Speed of the joint \[rad/s\].
-    pub speed: Vec<f64>,
-    /// Recorded torque \[N m\].
-    pub measured: Vec<f64>,
-    /// Torque of the robot as its references show it \[N m\].
-    pub predicted: Vec<f64>,
-    /// The same with what is named as the cause \[N m\]; empty without.
-    pub corrected: Vec<f64>,
-    /// Recorded torque less that of links and rotor of the model \[N m\].
-    pub friction: Vec<f64>,
-}
 
 /// Traces of all balances without a cause; `none` has what each equation leaves.
 pub(crate) fn traces(robot: &Robot, balance: &Balance, none: &[Vec<f64>]) -> Vec<TorqueTrace> {

@@ -325,7 +325,7 @@ fn summary(report: &Report) -> String {
         100.0 * gap.closed_ci95[1],
         joint_rms(gap.joint_rms)
     );
-    let is_balanced = report.torque_balance.as_ref().is_some_and(|b| b.p_gap.is_some());
+    let is_balanced = report.is_balanced();
     if is_balanced {
         text += &format!("tests at an error rate of {:.0} % per diagnosis\n", 100.0 * report.policy.held.alpha);
     }

@@ -37,7 +37,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
         report.torque_balance.as_ref().map_or(String::new(), torque_balance::torque_balance),
         report.torque_balance.as_ref().map_or(String::new(), |b| torque_traces::torque_traces(&b.traces, &b.events)),
         sentences(report),
-        sizes::sizes(&report.can_tell, if is_balanced(report) { "eight of ten" } else { "nine of ten" }),
+        sizes::sizes(&report.can_tell, if report.is_balanced() { "eight of ten" } else { "nine of ten" }),
         place(&shown),
         traces::traces(&shown.traces),
         sections.concat(),
@@ -47,11 +47,6 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
     ];
     let (title, heading) = (format!("Diagnosis of {title}"), format!("Diagnosis of {}", escape(title)));
     Page { title: &title, heading: &heading, style: STYLE, body: &body.concat(), ..Page::default() }.to_html()
-}
-
-/// Whether a report is decided by the torque balance.
-fn is_balanced(report: &Report) -> bool {
-    report.torque_balance.as_ref().is_some_and(|balance| balance.p_gap.is_some())
 }
 
 /// The report with what its pictures show: without a cause, after is before.

@@ -154,6 +154,13 @@ pub struct Report {
     pub provenance: Option<serde_json::Value>,
 }
 
+impl Report {
+    /// Whether it is decided by the torque balance of a fixed base: tests at an error rate, and no probabilities.
+    pub fn is_balanced(&self) -> bool {
+        self.torque_balance.as_ref().is_some_and(|balance| balance.p_gap.is_some())
+    }
+}
+
 /// What is wrong with the camera: `visual` in `report.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Sight {

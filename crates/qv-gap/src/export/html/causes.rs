@@ -1,7 +1,6 @@
 //! What is accused: each cause with its size, place, and what speaks against it.
 
 use super::bars::ranking;
-use super::is_balanced;
 use super::words::{escape, percent, size, words};
 use crate::problem::library::{Effect, Scope};
 use crate::report::{Cause, Report, Verdict};
@@ -28,12 +27,12 @@ pub(super) fn causes(report: &Report, library: &[Effect]) -> String {
         text += &cause(place + 1, c, library, &certainty(report, c));
     }
     // What passed tests at an error rate has no probability.
-    if is_balanced(report) { text } else { text + &ranking(&report.ranking, &report.causes) }
+    if report.is_balanced() { text } else { text + &ranking(&report.ranking, &report.causes) }
 }
 
 /// How sure a cause is: its probability, or the rate of false alarms of the tests that it passed.
 fn certainty(report: &Report, c: &Cause) -> String {
-    if is_balanced(report) {
+    if report.is_balanced() {
         let rate = percent(report.policy.held.alpha);
         return format!("<span class=\"soft\">false alarms of these tests</span> <b>{rate}</b>");
     }
