@@ -51,6 +51,11 @@ impl From<qv_held::HeldError> for GapError {
     fn from(error: qv_held::HeldError) -> Self {
         match error {
             qv_held::HeldError::Recording { what, reason } => Self::run(what, "torques that can be weighed", reason),
+            qv_held::HeldError::Fleet(faulty, all) => Self::run(
+                "recording",
+                "a controller that holds the model",
+                format!("{faulty} of {all} robots that ran away"),
+            ),
             qv_held::HeldError::Rollout(error) => error.into(),
             qv_held::HeldError::Sim(error) => Self::Sim(error),
         }

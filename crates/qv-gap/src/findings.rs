@@ -206,7 +206,8 @@ pub struct Cause {
     /// Name.
     pub effect: String,
     /// Probability that it is there, by what is known of the effects of the library and `unknown`. Several can be there at once: where more
-    /// than one is accused they do not sum to 1.
+    /// than one is accused they do not sum to 1. Of a robot that is decided by its torque balance it is 1 less the error rate of the tests that were
+    /// passed, and no probability.
     #[serde(deserialize_with = "or_nan")]
     pub probability: f64,
     /// `all`, or joints, legs, feet, a region.
@@ -400,7 +401,8 @@ impl TogetherEffect {
     }
 }
 
-/// The least size of an effect on a part of the robot that this recording would show with 90 % power, if nothing else were wrong.
+/// The least size of an effect on a part of the robot that this recording would show with 90 % power (80 % where it is decided by its torque
+/// balance), if nothing else were wrong.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CanTell {
     /// Effect of the library.

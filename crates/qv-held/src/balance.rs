@@ -11,6 +11,7 @@
 
 use crate::HeldError;
 use crate::regressor::{INERTIAL, modelled, torque_regressor};
+use crate::servo::Servos;
 use crate::signal::{Grid, Kernel, despike, quantile};
 use qv_core::JointSeries;
 use qv_recording::Run;
@@ -106,6 +107,8 @@ pub(crate) enum Column {
 pub(crate) enum Kind {
     Balance,
     Law,
+    /// Of positions, where no torque is recorded: see `path`.
+    Path,
 }
 
 /// An equation with its rows.
@@ -206,6 +209,8 @@ pub(crate) struct Robot<'a> {
     pub stated: Vec<(usize, f64)>,
     /// Shape `[joints]`.
     pub drives: Vec<Drive>,
+    /// Of servos that are simulated; none where torques are weighed.
+    pub servos: Option<Servos>,
     /// Values of all parameters by name.
     values: HashMap<String, f64>,
 }
@@ -228,6 +233,7 @@ impl<'a> Robot<'a> {
             limit: of("actuator", "position_torque_limit"),
             stated: rollout.stated,
             values: rollout.catalogue.iter().zip(&rollout.nominal).map(|(p, x)| (p.name.clone(), *x)).collect(),
+            servos: None,
             drives: vec![Drive::STATED; rollout.columns.len()],
             columns: rollout.columns,
         })
@@ -256,17 +262,17 @@ pub(crate) fn torques(run: &Run) -> Option<&JointSeries> {
 }
 
 /// Signals of a recording on a grid of at most 200 Hz.
-struct Signals {
-    time: Vec<f64>,
-    step: f64,
-    valid: Vec<bool>,
+pub(crate) struct Signals {
+    pub time: Vec<f64>,
+    pub step: f64,
+    pub valid: Vec<bool>,
     /// Shape `[joints][instants]`.
-    q: Vec<Vec<f64>>,
-    v: Vec<Vec<f64>>,
-    a: Vec<Vec<f64>>,
+    pub q: Vec<Vec<f64>>,
+    pub v: Vec<Vec<f64>>,
+    pub a: Vec<Vec<f64>>,
     torque: Vec<Option<Vec<f64>>>,
     law: Vec<Option<Law>>,
-    spikes: usize,
+    pub spikes: usize,
 }
 
 /// What a motor is asked for, by parts; shape `[instants]`.
@@ -282,7 +288,7 @@ struct Law {
 }
 
 impl Signals {
-    fn new(run: &Run, robot: &Robot) -> Result<Self, HeldError> {
+    pub fn new(run: &Run, robot: &Robot) -> Result<Self, HeldError> {
         let position =
             run.measured.position.as_ref().ok_or_else(|| HeldError::recording("recording", "no positions"))?;
         let grid = Grid::of(position).ok_or_else(|| HeldError::recording("recording", "fewer than 50 samples"))?;
@@ -434,7 +440,8 @@ impl Balance {
         all.ok_or_else(|| HeldError::recording("recordings", "there is none"))
     }
 
-    fn joined(mut self, other: Self) -> Self {
+    /// Two recordings of one robot as one.
+    pub fn joined(mut self, other: Self) -> Self {
         self.time.extend(other.time);
         self.run.extend(other.run);
         self.wide_time.extend(other.wide_time);

@@ -11,6 +11,11 @@ const MANY: usize = 8;
 /// Fewest blocks without an event that say anything.
 const FEWEST: usize = 4;
 
+/// Share of recordings in which a size as large as the least one is found.
+pub const POWER: f64 = 0.8;
+/// Quantile of a normal number at that share.
+const AT_POWER: f64 = 0.841_6;
+
 /// What is asked of a decision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Policy {
@@ -51,6 +56,8 @@ pub struct Judgement {
     pub in_set: bool,
     /// Interval of each axis.
     pub ci95: Vec<[f64; 2]>,
+    /// Size of each axis that is beyond what references show (test 1) in [`POWER`] of all recordings.
+    pub least: Vec<f64>,
 }
 
 /// What is there.
@@ -166,17 +173,21 @@ fn acts_outside(evidence: &Evidence, k: usize, events: &[Event], policy: &Policy
 }
 
 fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_change]: [[f64; 2]; 2]) -> Judgement {
-    let k = t.size.len() as f64;
     let l0 = evidence.reference_loss();
     let p_size = p_size(evidence, (&t.size, &t.sandwich, &t.left_out), (&t.information, &t.drift), of_size);
     let p_bandwidth = t.change.as_ref().map_or(1.0, |c| p_size_of_change(evidence, c, &t.information, of_change));
     let p_blocks = p_better(&t.acted[1], &t.acted[0], t.reference_acted);
     let ci95 = intervals(evidence, t, of_size, l0);
+    let least = least_sizes(evidence, t, of_size, policy);
     let is_in = |i: usize| (t.hypothesis.axes[i].range[0]..=t.hypothesis.axes[i].range[1]).contains(&t.size[i]);
-    // The mass of a load names it: the other numbers are its place.
-    let names = if t.hypothesis.effect == "com_offset" || t.hypothesis.load_on.is_none() && k > 1.0 { 0 } else { 1 };
-    let is_told = (0..names).all(|i| ci95[i][0] * ci95[i][1] > 0.0);
-    let is_physical = is_told && (0..t.size.len()).all(is_in);
+    // The mass of a load names it: the other numbers are its place. Of joints with a number each every one must be there.
+    let names = match t.hypothesis.effect.as_str() {
+        "com_offset" => 0,
+        _ if t.hypothesis.load_on.is_some() => 1,
+        _ => t.size.len(),
+    };
+    let is_known = (0..names).all(|i| ci95[i][0] * ci95[i][1] > 0.0);
+    let is_physical = is_known && (0..t.size.len()).all(is_in);
     let share = if evidence.loss > l0 { (evidence.loss - t.loss) / (evidence.loss - l0) } else { 0.0 };
     let count = evidence.tested.len().max(1) as f64;
     let passed = p_size < policy.alpha / count
@@ -185,7 +196,7 @@ fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_
         && is_physical
         && evidence.loss > l0
         && share >= policy.least_share;
-    Judgement { p_size, p_blocks, p_bandwidth, is_physical, share, passed, in_set: false, ci95 }
+    Judgement { p_size, p_blocks, p_bandwidth, is_physical, share, passed, in_set: false, ci95, least }
 }
 
 /// Whether the part of a size that does not move with the bandwidth is its share: references, which have none, do not say how far
@@ -229,22 +240,38 @@ fn of_change(t: &HypothesisTest) -> f64 {
 }
 
 /// Intervals of 95 %.
-fn intervals(evidence: &Evidence, t: &HypothesisTest, [freedom, prior]: [f64; 2], l0: f64) -> Vec<[f64; 2]> {
-    let (k, r) = (t.size.len(), t.left_out.len() as f64);
-    let (variance, freedom): (Vec<f64>, f64) = if evidence.references >= MANY {
-        let spread = sum(&mean_outer(&t.left_out), &t.sandwich);
-        ((0..k).map(|i| spread[(i, i)] + t.unseen[i][i]).collect(), r)
-    } else {
-        let own = quadratic_mean(&t.left_out, &t.information);
-        let floor = trace_of_product(&t.information, &t.sandwich) / k as f64;
-        // What the cause leaves over the references is as uncertain (Birge, Physical Review 40, 1932).
-        let phi = moderated(own, r * k as f64, [freedom, prior]).max(floor) * (t.loss / l0.max(1e-12)).max(1.0);
-        let inverse = Cholesky::new(&matrix(&t.information)).map(|f| f.inverse());
-        let of = |i: usize| inverse.as_ref().map_or(f64::INFINITY, |m| phi * m[(i, i)]) + t.unseen[i][i] + t.drift[i];
-        ((0..k).map(of).collect(), r + freedom)
-    };
+fn intervals(evidence: &Evidence, t: &HypothesisTest, moderation: [f64; 2], l0: f64) -> Vec<[f64; 2]> {
+    // What the cause leaves over the references is as uncertain (Birge, Physical Review 40, 1932).
+    let (variance, freedom) = variances(evidence, t, moderation, (t.loss / l0.max(1e-12)).max(1.0));
     let quantile = student_quantile(0.025, freedom.max(1.0));
-    t.size.iter().zip(variance).map(|(x, v)| [x - quantile * v.sqrt(), x + quantile * v.sqrt()]).collect()
+    let of = |(i, (x, v)): (usize, (&f64, f64))| {
+        let half = quantile * (v + t.unseen[i][i]).sqrt();
+        [x - half, x + half]
+    };
+    t.size.iter().zip(variance).enumerate().map(of).collect()
+}
+
+/// Sizes that test 1 finds with [`POWER`], each axis by itself: `(t + z) sigma`.
+fn least_sizes(evidence: &Evidence, t: &HypothesisTest, moderation: [f64; 2], policy: &Policy) -> Vec<f64> {
+    let (variance, freedom) = variances(evidence, t, moderation, 1.0);
+    let level = policy.alpha / (2.0 * evidence.tested.len().max(1) as f64);
+    let quantile = student_quantile(level, freedom.max(1.0));
+    variance.iter().map(|v| (quantile + AT_POWER) * v.sqrt()).collect()
+}
+
+/// Variances of the axes by how sizes wander in references, `scale` times where these are few; their degrees of freedom.
+fn variances(evidence: &Evidence, t: &HypothesisTest, [freedom, prior]: [f64; 2], scale: f64) -> (Vec<f64>, f64) {
+    let (k, r) = (t.size.len(), t.left_out.len() as f64);
+    if evidence.references >= MANY {
+        let spread = sum(&mean_outer(&t.left_out), &t.sandwich);
+        return ((0..k).map(|i| spread[(i, i)]).collect(), r);
+    }
+    let own = quadratic_mean(&t.left_out, &t.information);
+    let floor = trace_of_product(&t.information, &t.sandwich) / k as f64;
+    let phi = moderated(own, r * k as f64, [freedom, prior]).max(floor) * scale;
+    let inverse = Cholesky::new(&matrix(&t.information)).map(|f| f.inverse());
+    let of = |i: usize| inverse.as_ref().map_or(f64::INFINITY, |m| phi * m[(i, i)]) + t.drift[i];
+    ((0..k).map(of).collect(), r + freedom)
 }
 
 /// Prior degrees of freedom and value of the spread of hypotheses, by its spread over all (Smyth, Statistical Applications in Genetics and
@@ -295,16 +322,22 @@ fn p_gap(evidence: &Evidence, loss: f64) -> f64 {
     if evidence.references >= MANY {
         let most_free = evidence.left_out.iter().map(|l| l[1]).fold(0.0, f64::max);
         let log = |l: f64, free: f64| (l / free.min(most_free).max(1e-12)).max(1e-12).ln();
-        let all: Vec<f64> = evidence.left_out.iter().map(|l| log(l[0], l[1])).collect();
-        let middle = mean(&all);
-        let variance = all.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / (r - 1.0);
-        let t = (log(loss, evidence.free) - middle) / (variance * (1.0 + 1.0 / r)).sqrt().max(1e-12);
-        return student_tail(t, r - 1.0);
+        let over_free = evidence.left_out.iter().map(|l| log(l[0], l[1])).collect::<Vec<f64>>();
+        let alone = evidence.left_out.iter().map(|l| l[0].max(1e-12).ln()).collect::<Vec<f64>>();
+        // A robot that is quieter than the fleet leaves much over its freest fit, and yet no more than the fleet leaves.
+        return p_above(log(loss, evidence.free), &over_free).max(p_above(loss.max(1e-12).ln(), &alone));
     }
     let most_free = evidence.left_out.iter().map(|l| l[1]).fold(0.0, f64::max);
     let own = loss - evidence.free.min(most_free);
     let excess = evidence.left_out.iter().map(|l| l[0] - l[1]).sum::<f64>() / r;
     fisher_tail(own / excess.max(1e-12), 1.0, r)
+}
+
+/// Probability that another value of a normal sample is as large.
+fn p_above(value: f64, sample: &[f64]) -> f64 {
+    let (count, middle) = (sample.len() as f64, mean(sample));
+    let variance = sample.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / (count - 1.0);
+    student_tail((value - middle) / (variance * (1.0 + 1.0 / count)).sqrt().max(1e-12), count - 1.0)
 }
 
 fn mean(values: &[f64]) -> f64 {

@@ -13,6 +13,9 @@ pub enum HeldError {
         /// Why.
         reason: String,
     },
+    /// Robots of the fleet ran away: how many, of how many.
+    #[error("cannot simulate references: {0} of {1} robots ran away, for the controller does not hold the model")]
+    Fleet(usize, usize),
     /// Recording and model do not belong together.
     #[error(transparent)]
     Rollout(#[from] qv_rollout::RolloutError),

@@ -61,6 +61,9 @@ pub struct HypothesisTest {
     pub loss: f64,
     /// Events that are left beside it; none where that was not looked for.
     pub events: Option<Vec<Event>>,
+    /// What it leaves of each joint's torque \[N m\], in the order of the traces; empty where it was not followed.
+    #[serde(skip)]
+    pub left: Vec<Vec<f64>>,
 }
 
 /// Friction and rotor of a joint, whatever the verdict.
@@ -78,6 +81,27 @@ pub struct JointRow {
     pub excitation: [f64; 2],
     /// Rms of torque: recorded, left by the robot as it is stated, and left with the row's values \[N m\].
     pub torque: [f64; 3],
+}
+
+/// Torques of a joint at the rows of its balance, all through one filter.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct TorqueTrace {
+    /// Joint.
+    pub joint: String,
+    /// Times \[s\], run after run.
+    pub time: Vec<f64>,
+    /// Run that each row is of, from 0.
+    pub run: Vec<usize>,
+    /// Speed of the joint \[rad/s\].
+    pub speed: Vec<f64>,
+    /// Recorded torque \[N m\].
+    pub measured: Vec<f64>,
+    /// Torque of the robot as its references show it \[N m\].
+    pub predicted: Vec<f64>,
+    /// The same with what is named as the cause \[N m\]; empty without.
+    pub corrected: Vec<f64>,
+    /// Recorded torque less that of links and rotor of the model \[N m\].
+    pub friction: Vec<f64>,
 }
 
 /// All that is measured.
@@ -105,9 +129,22 @@ pub struct Evidence {
     pub events: Vec<Event>,
     /// Joints.
     pub joints: Vec<JointRow>,
+    /// Torques over time, for plots; empty where none are weighed.
+    #[serde(skip)]
+    pub traces: Vec<TorqueTrace>,
 }
 
 impl Evidence {
+    /// Torques over time with what a hypothesis, by its index, makes of them.
+    pub fn torque_traces(&self, hypothesis: Option<usize>) -> Vec<TorqueTrace> {
+        let left = hypothesis.map_or(&[][..], |k| &self.tested[k].left);
+        let mut all = self.traces.clone();
+        all.iter_mut()
+            .zip(left)
+            .for_each(|(trace, left)| trace.corrected = qv_fit::linear::minus(&trace.measured, left));
+        all
+    }
+
     /// Mean loss of references that were left out.
     pub fn reference_loss(&self) -> f64 {
         self.left_out.iter().map(|l| l[0]).sum::<f64>() / self.left_out.len().max(1) as f64

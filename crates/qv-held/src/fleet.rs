@@ -10,6 +10,7 @@ use crate::slices::cut;
 use qv_core::JointSeries;
 use qv_core::random::SplitMix64;
 use qv_recording::Run;
+use qv_recording::run::ActuatorKind;
 use qv_rollout::{Command, HeldCommands};
 use qv_sim::{Batch, SimOptions, State, Terrain};
 
@@ -26,6 +27,12 @@ const BIAS: f64 = 0.002;
 /// Variance of third differences of white noise, and the median of the size of a standard normal number.
 const THIRD: f64 = 20.0;
 const MEDIAN: f64 = 0.674_5;
+
+/// Whether a recording has what a fleet is simulated with: a position controller with its commands and gains.
+pub(crate) fn can_follow(run: &Run) -> bool {
+    let has_gains = run.commands.kp.is_some() || run.actuator.kp.is_some();
+    run.actuator.kind == ActuatorKind::Pd && run.commands.position.is_some() && has_gains
+}
 
 /// Recordings of the fleet; `usual` are root mean square torques of the joints \[N m\].
 pub(crate) fn simulate(request: &Request, robot: &Robot, usual: &[f64]) -> Result<Vec<Run>, HeldError> {
@@ -52,11 +59,7 @@ pub(crate) fn simulate(request: &Request, robot: &Robot, usual: &[f64]) -> Resul
         }
     }
     if all.len() < FEWEST {
-        let reason = format!(
-            "{} of {COUNT} simulated robots ran away: the controller does not hold the model",
-            COUNT - all.len()
-        );
-        return Err(HeldError::recording("recording", reason));
+        return Err(HeldError::Fleet(COUNT - all.len(), COUNT));
     }
     Ok(all)
 }

@@ -49,6 +49,11 @@ impl Layout {
         }
     }
 
+    /// Place of the first parameter of the first link.
+    pub fn place_of_links(self) -> usize {
+        TERMS.len() * self.joints
+    }
+
     /// Joint and term of a place; none for links.
     pub fn term(self, place: usize) -> Option<(usize, Term)> {
         let joint = place / TERMS.len();

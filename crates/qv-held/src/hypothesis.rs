@@ -1,6 +1,6 @@
 //! What may be wrong with a robot: typed columns, each a direction among the columns of the equations.
 
-use crate::balance::{Balance, Column, Kind, Robot, Term};
+use crate::balance::{Balance, Column, Equation, Kind, Robot, Term};
 use crate::gram::Layout;
 use crate::regressor::{INERTIAL, modelled, point_mass, second_moments};
 use glam::DVec3;
@@ -60,6 +60,11 @@ pub struct Hypothesis {
     #[serde(skip)]
     pub(crate) directions: Vec<Direction>,
 }
+
+/// Rotor inertia of a small geared servo, by which that of a joint may be off whatever is stated \[kg m²\].
+const LEAST_ARMATURE: f64 = 0.005;
+/// Error of an encoder's zero \[rad\].
+const ENCODER: f64 = 0.005;
 
 /// Places among the columns with factors.
 pub(crate) type Direction = Vec<(usize, f64)>;
@@ -161,7 +166,8 @@ fn joint_effects() -> Vec<JointEffect> {
 /// All hypotheses that the equations of a recording can show.
 pub(crate) fn hypotheses(robot: &Robot, balance: &Balance, limits: &[f64], without: &[String]) -> Vec<Hypothesis> {
     let mut all = Vec::new();
-    for effect in joint_effects() {
+    // A limit of a servo is uncertain, and read off nothing.
+    for effect in joint_effects().into_iter().filter(|e| e.term != Term::Limit || robot.servos.is_none()) {
         of_joints(robot, balance, (&effect, limits), &mut all);
     }
     (0..robot.model.links.len()).filter(|&l| is_carried(balance, l)).for_each(|l| of_link(robot, l, &mut all));
@@ -171,7 +177,7 @@ pub(crate) fn hypotheses(robot: &Robot, balance: &Balance, limits: &[f64], witho
 
 /// Whether some equation sees the link.
 fn is_carried(balance: &Balance, link: usize) -> bool {
-    balance.equations.iter().any(|e| e.kind == Kind::Balance && e.columns.contains(&Column::Link(link, 0)))
+    balance.equations.iter().any(|e| e.kind != Kind::Law && e.columns.contains(&Column::Link(link, 0)))
 }
 
 fn of_joints(robot: &Robot, balance: &Balance, (effect, limits): (&JointEffect, &[f64]), all: &mut Vec<Hypothesis>) {
@@ -181,6 +187,8 @@ fn of_joints(robot: &Robot, balance: &Balance, (effect, limits): (&JointEffect, 
     // What is stated may be too much, too: the sum is what must be physical.
     let stated = |j: usize| match effect.term {
         Term::Coulomb => robot.coulomb[j],
+        // It is apart from the motor's damping in its name alone.
+        Term::Viscous if robot.servos.is_some() => MOST,
         Term::Viscous => robot.viscous[j],
         Term::Armature => robot.armature[j],
         _ => 0.0,
@@ -297,6 +305,19 @@ pub(crate) struct Nuisance {
     pub tolerances: Vec<f64>,
 }
 
+impl Nuisance {
+    /// What is uncertain but for the links: references of servos say nothing of masses, whose gravity is what gains are known by.
+    pub fn without_links(mut self, layout: Layout) -> Self {
+        let is_of_joints = |d: &Direction| d.iter().all(|x| x.0 < layout.place_of_links());
+        let kept: Vec<bool> = self.directions.iter().map(is_of_joints).collect();
+        let mut of_direction = kept.iter();
+        self.directions.retain(|_| of_direction.next() == Some(&true));
+        let mut of_tolerance = kept.iter();
+        self.tolerances.retain(|_| of_tolerance.next() == Some(&true));
+        self
+    }
+}
+
 /// By how much robots differ from their papers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tolerances {
@@ -340,6 +361,39 @@ pub(crate) fn reach(robot: &Robot, link: usize) -> f64 {
     children.fold(robot.model.links[link].com.length(), f64::max)
 }
 
+/// How far a term of a servo may be off, whose columns are positions; `torque` is what lies beyond what is stated \[N m\].
+fn of_servo(
+    robot: &Robot,
+    (j, term): (usize, Term),
+    (torque, equation): (f64, &Equation),
+    (tolerances, period): (&Tolerances, f64),
+) -> f64 {
+    match term {
+        Term::Coulomb => torque + tolerances.friction * robot.coulomb[j],
+        Term::Stribeck | Term::Offset => torque,
+        // As much as Coulomb friction beyond what is stated moves it.
+        Term::Viscous => {
+            torque * rms_of(equation, Term::Coulomb) / rms_of(equation, Term::Viscous).max(1e-12)
+                + tolerances.friction * robot.viscous[j].abs()
+        }
+        Term::Load => tolerances.torque,
+        Term::Armature => tolerances.armature * robot.armature[j].max(LEAST_ARMATURE),
+        Term::KpScale | Term::Limit => tolerances.gain,
+        Term::CommandLatency => tolerances.samples * period,
+        Term::LawOffset => ENCODER,
+        _ => 0.0,
+    }
+}
+
+/// Root mean square of a joint's column; 0 without it.
+fn rms_of(equation: &Equation, term: Term) -> f64 {
+    let at = equation.columns.iter().position(|c| *c == Column::Joint(equation.joint, term));
+    at.map_or(0.0, |at| {
+        let values = &equation.values[at];
+        (qv_fit::linear::squared(values) / values.len().max(1) as f64).sqrt()
+    })
+}
+
 /// What is uncertain in a robot of which the equations of `balance` were recorded; `period` is that of its log \[s\].
 pub(crate) fn nuisance(robot: &Robot, balance: &Balance, tolerances: &Tolerances, period: f64) -> Nuisance {
     let layout = Layout::of(robot);
@@ -358,6 +412,7 @@ pub(crate) fn nuisance(robot: &Robot, balance: &Balance, tolerances: &Tolerances
             let Column::Joint(_, term) = *column else { continue };
             let beyond = torque / rms(values).max(1e-12);
             let tolerance = match (equation.kind, term) {
+                (Kind::Path, _) => of_servo(robot, (j, term), (torque, equation), (tolerances, period)),
                 (Kind::Balance, Term::Coulomb) => beyond + tolerances.friction * robot.coulomb[j],
                 (Kind::Balance, Term::Viscous) => beyond + tolerances.friction * robot.viscous[j],
                 (Kind::Balance, Term::Armature) => 0.5 * beyond + tolerances.armature * robot.armature[j],

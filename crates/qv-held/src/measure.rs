@@ -1,16 +1,21 @@
 //! From recordings to evidence.
 
 use crate::HeldError;
-use crate::balance::{Balance, Bends, Column, Drive, Equation, Kind, Robot, Term, bends, has_torques, torques};
+use crate::balance::{Balance, Column, Equation, Kind, Robot, Term, bends, has_torques, torques};
 use crate::events::{Wander, left, scan};
 use crate::evidence::{Change, Event, Evidence, HypothesisTest, JointRow, Square};
 use crate::fleet;
 use crate::gram::{Gram, Layout, blocks, totals};
 use crate::hypothesis::{Direction, Family, Hypothesis, Nuisance, Tolerances, hypotheses, load_direction, nuisance};
+use crate::path;
+use crate::profile::Fit;
 use crate::request::Request;
+use crate::servo::LoadForm;
 use crate::slices::pieces;
-use crate::study::{OwnSize, ReducedReference, Reduction, Reference, Study, fit, free_fit};
+use crate::source::{Source, calibrated, moved};
+use crate::study::{Profiles, Reference, Study, free_fit};
 use crate::table::joint_rows;
+use crate::traces::{torques_left, traces};
 use glam::DVec3;
 use qv_fit::linear::{Cholesky, Matrix, add_outer, add_scaled_matrix, product, times};
 use qv_recording::Run;
@@ -30,9 +35,11 @@ const FOLLOWED: usize = 10;
 /// Standard deviation of a drive's scale below which it counts as known.
 const KNOWN: f64 = 0.1;
 
-/// Whether recordings can be measured against references: all have torques, measured or commanded ones.
+/// Whether recordings can be judged at the rates of the policy: all have torques, measured or commanded ones, and without references there is the
+/// controller that a fleet follows them with. Servos without torques can be measured, too; what comes of it has no tested rate.
 pub fn can_measure(runs: &[Run], references: &[Run]) -> bool {
-    !references.is_empty() && runs.iter().chain(references).all(|run| torques(run).is_some())
+    let all_have_torques = runs.iter().chain(references).all(|run| torques(run).is_some());
+    all_have_torques && (!references.is_empty() || runs.first().is_some_and(fleet::can_follow))
 }
 
 /// Measures recordings against references.
@@ -41,32 +48,54 @@ pub fn can_measure(runs: &[Run], references: &[Run]) -> bool {
 /// When recordings and model do not belong together, or there is too little to weigh.
 pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     let first = request.runs.first().ok_or_else(|| HeldError::recording("recordings", "there is none"))?;
-    let robot = Robot::new(first, request.model, request.given)?;
+    let mut robot = Robot::new(first, request.model, request.given)?;
     let is_fleet = request.references.is_empty();
     let recorded = pieces(request.references, PIECES);
+    if request.runs.iter().chain(&recorded).any(|run| torques(run).is_none()) {
+        if !request.runs.iter().chain(&recorded).all(path::can_follow) {
+            return Err(HeldError::recording("recording", "neither torques nor commands of servos"));
+        }
+        robot.servos = Some(path::servos(&robot, LoadForm::StaticExternal));
+    }
     let bends = bends(if is_fleet { request.runs } else { &recorded }, request.runs, &robot)?;
-    let target = Balance::new(request.runs, &robot, &bends)?;
     let period = first.measured.position.as_ref().map_or(0.0, |p| qv_recording::median_interval(&p.time));
-    let nuisance = nuisance(&robot, &target, &request.policy.tolerances, period);
+    let tolerances = &request.policy.tolerances;
+    let mut sources = recorded.chunks(1).map(|r| Source::new(r, &robot, &bends)).collect::<Result<Vec<_>, _>>()?;
+    if robot.servos.is_some() && !is_fleet {
+        robot = calibrated(&robot, &sources, tolerances, period)?;
+    }
+    let source = Source::new(request.runs, &robot, &bends)?;
+    let target = source.balance(&robot)?;
+    let mut nuisance = nuisance(&robot, &target, tolerances, period);
+    if robot.servos.is_some() && !is_fleet {
+        nuisance = nuisance.without_links(Layout::of(&robot));
+    }
     let simulated =
         if is_fleet { fleet::simulate(request, &robot, &usual_torques(&robot, &target))? } else { Vec::new() };
-    let references = if is_fleet { &simulated } else { &recorded };
-    let (references, balances) = weighed(references, &robot, &bends, &target)?;
+    let (references, balances) = if is_fleet {
+        let read = |run: &[Run]| weighed(&Source::new(run, &robot, &bends)?, &robot, &target);
+        simulated.par_chunks(1).map(read).collect::<Result<Vec<_>, _>>()?.into_iter().unzip()
+    } else {
+        let all = sources.par_iter().map(|s| weighed(s, &robot, &target)).collect::<Result<Vec<_>, _>>()?;
+        sources.clear();
+        all.into_iter().unzip()
+    };
+    let (references, balances): (Vec<Reference>, Vec<Balance>) = (references, balances);
     let study = Study::new(Layout::of(&robot), &target.equations, &references, &nuisance, is_fleet);
     let null = Null::new(&study, &target, &balances);
-    let days = (request.references.len() == 1).then_some(&request.policy.tolerances);
+    let days = (request.references.len() == 1).then_some(tolerances);
     let context =
         Context { limits: bends.limit.clone(), speeds: bends.top.clone(), interval: interval_of(first), days };
     let target = Target::new(&robot, &target, &study, &null, &context);
     let mut evidence = target.evidence(request, &nuisance);
-    target.follow(&mut evidence, request, &bends)?;
+    target.follow(&mut evidence, request, &source)?;
     Ok(evidence)
 }
 
 /// Root mean square torque of each joint \[N m\], shape `[joints]`.
 fn usual_torques(robot: &Robot, balance: &Balance) -> Vec<f64> {
     let mut all = vec![0.0; robot.joints()];
-    for equation in balance.equations.iter().filter(|e| e.kind == Kind::Balance) {
+    for equation in balance.equations.iter().filter(|e| e.kind != Kind::Law) {
         let mean = qv_fit::linear::squared(&equation.modelled) / equation.modelled.len().max(1) as f64;
         all[equation.joint] = mean.sqrt();
     }
@@ -86,29 +115,22 @@ pub fn joint_table(request: &Request) -> Vec<JointRow> {
     table().unwrap_or_default()
 }
 
-/// References as sums, and with their rows.
-fn weighed(
-    runs: &[Run],
-    robot: &Robot,
-    bends: &Bends,
-    target: &Balance,
-) -> Result<(Vec<Reference>, Vec<Balance>), HeldError> {
-    let one = |run: &Run| -> Result<(Reference, Balance), HeldError> {
-        let mut balance = Balance::new(std::slice::from_ref(run), robot, bends)?;
-        let lacks = || HeldError::recording("reference", "it lacks torques or commands that the recording has");
-        let reference = Reference::new(&balance, &target.equations).ok_or_else(lacks)?;
-        let is_known = |e: &Equation| target.equations.iter().any(|t| t.joint == e.joint && t.kind == e.kind);
-        balance.equations.retain(is_known);
-        balance.equations.iter_mut().for_each(|e| e.wide = Vec::new());
-        Ok((reference, balance))
-    };
-    let all: Vec<(Reference, Balance)> = runs.par_iter().map(one).collect::<Result<_, _>>()?;
-    Ok(all.into_iter().unzip())
+/// A reference as sums, and with its rows.
+fn weighed(source: &Source, robot: &Robot, target: &Balance) -> Result<(Reference, Balance), HeldError> {
+    let mut balance = source.balance(robot)?;
+    let lacks = || HeldError::recording("reference", "it lacks torques or commands that the recording has");
+    let reference = Reference::new(&balance, &target.equations).ok_or_else(lacks)?;
+    let is_known = |e: &Equation| target.equations.iter().any(|t| t.joint == e.joint && t.kind == e.kind);
+    balance.equations.retain(is_known);
+    balance.equations.iter_mut().for_each(|e| e.wide = Vec::new());
+    Ok((reference, balance))
 }
 
 /// References as if each were to be diagnosed by the others.
 struct Null {
-    left_out: Vec<ReducedReference>,
+    left_out: Vec<Profiles>,
+    /// Fits of these without a cause.
+    fits: Vec<Fit>,
     wander: Wander,
     /// Mean square that each equation leaves, and mean loss.
     squares: Vec<f64>,
@@ -117,16 +139,12 @@ struct Null {
 
 impl Null {
     fn new(study: &Study, target: &Balance, references: &[Balance]) -> Self {
-        let left_out: Vec<ReducedReference> =
-            (0..study.references.len()).into_par_iter().map(|r| study.left_out(r)).collect();
+        let left_out: Vec<Profiles> = (0..study.references.len()).into_par_iter().map(|r| study.left_out(r)).collect();
+        let fits: Vec<Fit> = left_out.iter().map(|r| r.bands[0].none()).collect();
         let rows_left = |r: usize| -> Vec<Vec<f64>> {
-            let values = left_out[r].reductions[0].values(&[], &[]);
+            let values = &fits[r].values;
             let same = |e: &Equation| references[r].equations.iter().find(|o| o.joint == e.joint && o.kind == e.kind);
-            target
-                .equations
-                .iter()
-                .map(|e| same(e).map_or(Vec::new(), |own| left(own, study.layout, &values)))
-                .collect()
+            target.equations.iter().map(|e| same(e).map_or(Vec::new(), |own| left(own, study.layout, values))).collect()
         };
         let rows: Vec<Vec<Vec<f64>>> = (0..references.len()).map(rows_left).collect();
         let mean = |e: usize| {
@@ -135,7 +153,7 @@ impl Null {
         };
         let squares: Vec<f64> = (0..target.equations.len()).map(mean).collect();
         let loss = squares.iter().zip(&study.weights).map(|(s, w)| s * w).sum::<f64>() / squares.len().max(1) as f64;
-        Self { left_out, wander: Wander::of(&rows), squares, loss }
+        Self { left_out, fits, wander: Wander::of(&rows), squares, loss }
     }
 }
 
@@ -157,7 +175,10 @@ struct Target<'a> {
     balance: &'a Balance,
     study: &'a Study<'a>,
     null: &'a Null,
-    reduced: ReducedReference,
+    profiles: Profiles,
+    none: Fit,
+    /// Sums of all rows of the narrow band.
+    sum: Matrix,
     /// Sums of each block, both bands.
     blocks: [Vec<Matrix>; 2],
     ranges: Vec<Range<usize>>,
@@ -176,22 +197,21 @@ impl<'a> Target<'a> {
     ) -> Self {
         let length = block_length(balance, study.kappa);
         let pinned = study.pinned(None);
-        let sums = totals(balance).map(|grams| study.sum(&grams));
-        let reduced = study.reduced([&sums[0], &sums[1]], &pinned, balance.time.len() as f64);
+        let [sum, wide_sum] = totals(balance).map(|grams| study.sum(&grams));
+        let profiles = study.profiles([&sum, &wide_sum], &pinned, balance.time.len() as f64);
         let (narrow, wide) =
             (blocks(&balance.time, &balance.run, length), blocks(&balance.wide_time, &balance.wide_run, length));
-        let of = |values: &dyn Fn(&Equation) -> Vec<Gram>, reduction: &Reduction, count: usize| -> Vec<Matrix> {
+        let of = |values: &dyn Fn(&Equation) -> Vec<Gram>, count: usize| -> Vec<Matrix> {
             let grams: Vec<Vec<Gram>> = balance.equations.iter().map(values).collect();
-            let block = |b: usize| reduction.of(&study.sum(&grams.iter().map(|g| g[b].clone()).collect::<Vec<_>>()));
+            let block = |b: usize| study.sum(&grams.iter().map(|g| g[b].clone()).collect::<Vec<_>>());
             (0..count).into_par_iter().map(block).collect()
         };
         let of_narrow = |e: &Equation| narrow.iter().map(|r| Gram::of(&e.values, r.clone())).collect();
         let of_wide = |e: &Equation| wide.iter().map(|r| Gram::of(&e.wide, r.clone())).collect();
-        let blocks =
-            [of(&of_narrow, &reduced.reductions[0], narrow.len()), of(&of_wide, &reduced.reductions[1], wide.len())];
-        let values = reduced.reductions[0].values(&[], &[]);
-        let none_rows = balance.equations.iter().map(|e| left(e, study.layout, &values)).collect();
-        Self { robot, balance, study, null, reduced, blocks, ranges: narrow, none_rows, context }
+        let blocks = [of(&of_narrow, narrow.len()), of(&of_wide, wide.len())];
+        let none = profiles.bands[0].none();
+        let none_rows = balance.equations.iter().map(|e| left(e, study.layout, &none.values)).collect();
+        Self { robot, balance, study, null, profiles, none, sum, blocks, ranges: narrow, none_rows, context }
     }
 
     fn evidence(&self, request: &Request, nuisance: &Nuisance) -> Evidence {
@@ -200,7 +220,6 @@ impl<'a> Target<'a> {
         let tested: Vec<HypothesisTest> = all.into_par_iter().filter_map(|h| self.test(h, scales)).collect();
         let everything: Vec<Direction> =
             tested.iter().filter(|t| t.size.len() == 1).map(|t| t.hypothesis.directions[0].clone()).collect();
-        let y = self.study.layout.width();
         let alpha = request.policy.alpha;
         Evidence {
             is_fleet: self.study.is_fleet,
@@ -208,51 +227,62 @@ impl<'a> Target<'a> {
             spikes: self.balance.spikes,
             blocks: self.ranges.iter().map(|r| [self.balance.time[r.start], self.balance.time[r.end - 1]]).collect(),
             none: self.none_losses(),
-            loss: self.reduced.bands[0][(y, y)] / self.reduced.rows,
-            free: free_loss(&self.reduced, &everything),
+            loss: self.none.loss / self.profiles.rows,
+            free: free_loss(&self.profiles, &everything),
             left_out: self
                 .null
                 .left_out
                 .iter()
-                .map(|r| [r.bands[0][(y, y)] / r.rows, free_loss(r, &everything)])
+                .zip(&self.null.fits)
+                .map(|(r, fit)| [fit.loss / r.rows, free_loss(r, &everything)])
                 .collect(),
             tested,
-            events: self.events((&[], &[]), 0.0, alpha),
-            joints: joint_rows(self.robot, self.balance, nuisance),
+            events: self.events(&self.none, 0.0, alpha),
+            traces: traces(self.robot, self.balance, &self.none_rows),
+            joints: if self.robot.servos.is_some() {
+                joint_table(request)
+            } else {
+                joint_rows(self.robot, self.balance, nuisance)
+            },
         }
     }
 
     /// Follows the best hypotheses: to where their columns are those of their sizes, and to the events that are left beside them.
-    fn follow(&self, evidence: &mut Evidence, request: &Request, bends: &Bends) -> Result<(), HeldError> {
+    fn follow(&self, evidence: &mut Evidence, request: &Request, source: &Source) -> Result<(), HeldError> {
         let mut order: Vec<usize> = (0..evidence.tested.len()).collect();
         let loss = |t: &HypothesisTest| t.losses.iter().sum::<f64>();
         order.sort_by(|&a, &b| loss(&evidence.tested[a]).total_cmp(&loss(&evidence.tested[b])));
         for k in order.into_iter().take(FOLLOWED) {
             let tested = &mut evidence.tested[k];
-            if !self.follow_drive(tested, request, bends)? {
-                tested.events =
-                    Some(self.events((&tested.hypothesis.directions, &tested.size), tested.loss, request.policy.alpha));
+            if !self.follow_drive(tested, request, source)? {
+                self.note_left(tested, request.policy.alpha);
             }
         }
         Ok(())
     }
 
+    /// Notes what a hypothesis leaves of torques, and the events in that.
+    fn note_left(&self, tested: &mut HypothesisTest, alpha: f64) {
+        let Some(fit) = self.profiles.bands[0].fit(&tested.hypothesis.directions) else { return };
+        tested.events = Some(self.events(&fit, tested.loss, alpha));
+        tested.left = torques_left(self.balance, self.study.layout, &fit.values);
+    }
+
     /// Gauss and Newton's steps of a hypothesis of motors, friction or rotors: the equations are computed anew with its size, and with them what delays and
     /// scales that are pinned make of it. Whether its fit is better there.
-    fn follow_drive(&self, tested: &mut HypothesisTest, request: &Request, bends: &Bends) -> Result<bool, HeldError> {
+    fn follow_drive(&self, tested: &mut HypothesisTest, request: &Request, source: &Source) -> Result<bool, HeldError> {
         const STEPS: usize = 3;
         let mut size = tested.size.clone();
         let mut best: Option<HypothesisTest> = None;
         for _ in 0..STEPS {
             let Some(robot) = self.moved(&tested.hypothesis, &size) else { break };
-            let balance = Balance::new(request.runs, &robot, bends)?;
+            let balance = source.balance(&robot)?;
             let target = Target::new(&robot, &balance, self.study, self.null, self.context);
             let Some(mut found) = target.test(tested.hypothesis.clone(), 0.0) else { break };
             if found.loss >= best.as_ref().unwrap_or(tested).loss {
                 break;
             }
-            found.events =
-                Some(target.events((&found.hypothesis.directions, &found.size), found.loss, request.policy.alpha));
+            target.note_left(&mut found, request.policy.alpha);
             size.iter_mut().zip(&found.size).for_each(|(all, more)| *all += more);
             found.size.clone_from(&size);
             found.acted[0].clone_from(&tested.acted[0]);
@@ -263,35 +293,28 @@ impl<'a> Target<'a> {
         Ok(true)
     }
 
-    /// The robot with motors, friction and rotors as a hypothesis has them; `None` for others, and where that means nothing.
+    /// The robot as a hypothesis has it; `None` where no equation is computed anew for that, and where it means nothing.
     fn moved(&self, hypothesis: &Hypothesis, size: &[f64]) -> Option<Robot<'a>> {
-        let mut robot = self.robot.clone();
-        for (direction, x) in hypothesis.directions.iter().zip(size) {
-            for &(place, factor) in direction {
-                let (joint, term) = self.study.layout.term(place)?;
-                match term {
-                    Term::Coulomb => robot.coulomb[joint] += x * factor,
-                    Term::Viscous => robot.viscous[joint] += x * factor,
-                    Term::Armature => robot.armature[joint] += x * factor,
-                    _ if Drive::has(term) => robot.drives[joint].add(term, x * factor),
-                    _ => return None,
-                }
-            }
-        }
-        robot.drives.iter().all(Drive::is_sound).then_some(robot)
+        let all: Vec<(usize, f64)> = hypothesis
+            .directions
+            .iter()
+            .zip(size)
+            .flat_map(|(direction, x)| direction.iter().map(move |&(place, factor)| (place, x * factor)))
+            .collect();
+        moved(self.robot, self.study.layout, &all)
     }
 
     /// Events beside a hypothesis, over what it leaves: a large cause leaves more than references do (Birge, Physical Review 40, 1932).
-    fn events(&self, (directions, size): (&[Direction], &[f64]), loss: f64, alpha: f64) -> Vec<Event> {
-        let values = self.reduced.reductions[0].values(directions, size);
-        let rows: Vec<Vec<f64>> = self.balance.equations.iter().map(|e| left(e, self.study.layout, &values)).collect();
+    fn events(&self, fit: &Fit, loss: f64, alpha: f64) -> Vec<Event> {
+        let rows: Vec<Vec<f64>> =
+            self.balance.equations.iter().map(|e| left(e, self.study.layout, &fit.values)).collect();
         let scale = (loss / self.null.loss.max(1e-12)).max(1.0).sqrt();
         scan(self.balance, &rows, (&self.null.wander, scale), self.robot.model.joint_names(), alpha)
     }
 
     fn test(&self, mut hypothesis: Hypothesis, scales: f64) -> Option<HypothesisTest> {
-        let narrow = &self.reduced.bands[0];
-        let mut own = fit(narrow, &hypothesis.directions)?;
+        let narrow = &self.profiles.bands[0];
+        let mut own = narrow.fit(&hypothesis.directions)?;
         if let Some(link) = hypothesis.load_on {
             // Its second moment is that of its place.
             for _ in 0..2 {
@@ -300,16 +323,16 @@ impl<'a> Target<'a> {
                     break;
                 }
                 hypothesis.directions[0] = load_direction(self.study.layout, link, place);
-                own = fit(narrow, &hypothesis.directions)?;
+                own = narrow.fit(&hypothesis.directions)?;
             }
         }
         let directions = &hypothesis.directions;
-        let of_references = |band: usize| -> Option<Vec<OwnSize>> {
-            self.null.left_out.iter().map(|r| fit(&r.bands[band], directions)).collect()
+        let of_references = |band: usize| -> Option<Vec<Fit>> {
+            self.null.left_out.iter().map(|r| r.bands[band].fit(directions)).collect()
         };
         let left_out: Vec<Vec<f64>> = of_references(0)?.into_iter().map(|own| own.size).collect();
-        let [losses, none, with] = self.losses(directions)?;
-        let influences = influences(&self.blocks[0], directions, &own)?;
+        let [losses, none, with] = self.losses(directions, &own)?;
+        let influences = own.influences(&self.blocks[0])?;
         let change = self.change(directions, &own, (&influences, &left_out), of_references(1));
         let is_of_links = matches!(hypothesis.family, Family::Load | Family::Inertia);
         let mut unseen = if is_of_links {
@@ -317,6 +340,8 @@ impl<'a> Target<'a> {
         } else {
             Matrix::zeros(own.size.len(), own.size.len())
         };
+        // What stands at a side of its tolerance may be anywhere within it.
+        own.play.iter().enumerate().for_each(|(i, play)| unseen[(i, i)] += play * play / 3.0);
         // When a command came within the one before it is not seen: evenly within an interval.
         for (i, direction) in directions.iter().enumerate() {
             let is_late =
@@ -334,20 +359,21 @@ impl<'a> Target<'a> {
             losses,
             acted: [none, with],
             reference_acted: self.reference_loss(directions),
-            loss: own.loss[1] / self.reduced.rows,
+            loss: own.loss / self.profiles.rows,
             events: None,
+            left: Vec::new(),
             hypothesis,
         })
     }
 
     /// Loss of each block, predicted from the other folds: of all equations, and of those that the hypothesis acts on, without and with it.
-    fn losses(&self, directions: &[Direction]) -> Option<[Vec<f64>; 3]> {
+    fn losses(&self, directions: &[Direction], own: &Fit) -> Option<[Vec<f64>; 3]> {
         let count = self.blocks[0].len();
         let mut values: Vec<Vec<f64>> = Vec::new();
         for fold in 0..FOLDS.min(count) {
-            let mut rest = self.reduced.bands[0].clone();
+            let mut rest = self.sum.clone();
             (fold..count).step_by(FOLDS).for_each(|b| add_scaled_matrix(&mut rest, -1.0, &self.blocks[0][b]));
-            values.push(self.reduced.reductions[0].values(directions, &fit(&rest, directions)?.size));
+            values.push(own.refitted(&rest)?);
         }
         let mut all = [vec![0.0; count], vec![0.0; count], vec![0.0; count]];
         let share = 1.0 / self.balance.equations.len() as f64;
@@ -416,12 +442,12 @@ impl<'a> Target<'a> {
     fn change(
         &self,
         directions: &[Direction],
-        narrow: &OwnSize,
+        narrow: &Fit,
         (influences_narrow, left_out): (&[Vec<f64>], &[Vec<f64>]),
-        of_references: Option<Vec<OwnSize>>,
+        of_references: Option<Vec<Fit>>,
     ) -> Option<Change> {
-        let wide = fit(&self.reduced.bands[1], directions)?;
-        let influences_wide = influences(&self.blocks[1], directions, &wide)?;
+        let wide = self.profiles.bands[1].fit(directions)?;
+        let influences_wide = wide.influences(&self.blocks[1])?;
         if influences_wide.len() != influences_narrow.len() {
             return None;
         }
@@ -474,7 +500,7 @@ impl<'a> Target<'a> {
     }
 
     /// What the spread of the drives' scales adds to the covariance of a size: `sum_j sg² (S_j h)(S_j h)'`.
-    fn spread_of(&self, directions: &[Direction], own: &OwnSize, scales: f64) -> Matrix {
+    fn spread_of(&self, directions: &[Direction], own: &Fit, scales: f64) -> Matrix {
         let count = own.size.len();
         let mut all = Matrix::zeros(count, count);
         let Some(factor) = Cholesky::new(&own.information) else { return all };
@@ -526,9 +552,9 @@ fn block_length(balance: &Balance, kappa: f64) -> f64 {
 }
 
 /// Loss of a row with every hypothesis of one number free at once.
-fn free_loss(reduced: &ReducedReference, directions: &[Direction]) -> f64 {
-    let sum = &reduced.bands[0];
-    let d = crate::study::spread(sum.nrows(), directions);
+fn free_loss(profiles: &Profiles, directions: &[Direction]) -> f64 {
+    let sum = &profiles.free;
+    let d = crate::profile::spread(sum.nrows(), directions);
     let across = product(sum, &d);
     let own = qv_fit::linear::transposed_product(&d, &across);
     let y = sum.nrows() - 1;
@@ -536,34 +562,12 @@ fn free_loss(reduced: &ReducedReference, directions: &[Direction]) -> f64 {
     let unit = |i: usize, k: usize| own[(i, k)] / (scale[i] * scale[k]) + if i == k { 1e-6 } else { 0.0 };
     let right: Vec<f64> = (0..own.nrows()).map(|i| across[(y, i)] / scale[i]).collect();
     let fall = Cholesky::new(&Matrix::from_fn(own.nrows(), own.nrows(), unit)).map_or(0.0, |f| f.length(&right));
-    (sum[(y, y)] - fall).max(0.0) / reduced.rows
-}
-
-/// Values of all columns, with that of `y`, of a hypothesis in reduced sums.
-fn values(rows: usize, directions: &[Direction], size: &[f64]) -> Vec<f64> {
-    let mut all = vec![0.0; rows];
-    all[rows - 1] = 1.0;
-    for (direction, x) in directions.iter().zip(size) {
-        direction.iter().for_each(|&(place, factor)| all[place] -= factor * x);
-    }
-    all
+    (sum[(y, y)] - fall).max(0.0) / profiles.rows
 }
 
 /// `x' a x`.
 fn length(a: &Matrix, x: &[f64]) -> f64 {
     qv_fit::linear::dot(x, &times(a, x))
-}
-
-/// By what each block moves a size: `M^-1 A_b'(y_b - A_b h)`.
-fn influences(blocks: &[Matrix], directions: &[Direction], own: &OwnSize) -> Option<Vec<Vec<f64>>> {
-    let factor = Cholesky::new(&own.information)?;
-    let rows = blocks.first()?.nrows();
-    let values = values(rows, directions, &own.size);
-    let score = |block: &Matrix| -> Vec<f64> {
-        let left = times(block, &values);
-        directions.iter().map(|d| d.iter().map(|&(i, x)| x * left[i]).sum()).collect()
-    };
-    Some(blocks.iter().map(|b| factor.solve(&score(b))).collect())
 }
 
 /// Covariance of a sum of independent terms, `n / (n - 1) sum x x'` (Liang and Zeger, Biometrika 73, 1986).

@@ -6,6 +6,7 @@
 use crate::balance::{Balance, Equation};
 use crate::gram::{Gram, Layout, assemble, totals};
 use crate::hypothesis::{Direction, Nuisance};
+use crate::profile::{Profile, spread};
 use qv_fit::linear::{Cholesky, Matrix, add_diagonal, add_scaled_matrix, product, transposed_product};
 
 /// How much wider than tolerances a robot is taken to be whose own recordings show what it is.
@@ -96,66 +97,33 @@ fn fit_nuisance(layout: Layout, nuisance: &Nuisance, slack: f64, sum: &Matrix, k
     qv_fit::linear::times(&d, &solved)[..width].to_vec()
 }
 
-/// Directions as the columns of a matrix.
-pub(crate) fn spread(rows: usize, directions: &[Direction]) -> Matrix {
-    let mut all = Matrix::zeros(rows, directions.len());
-    for (k, direction) in directions.iter().enumerate() {
-        direction.iter().for_each(|&(place, x)| all[(place, k)] += x);
+/// Sums of what is left: `y` less what is pinned, all columns less what `uncertain` directions take, which are free at a stiffness beside everything.
+pub(crate) fn reduced(sum: &Matrix, pinned: &[f64], uncertain: Option<(&Nuisance, f64)>) -> Matrix {
+    let width = pinned.len();
+    let mut transform = Matrix::identity(width + 1, width + 1);
+    pinned.iter().enumerate().for_each(|(i, x)| transform[(i, width)] = -x);
+    let mut reduced = sandwiched(sum, &transform);
+    let Some((nuisance, kappa)) = uncertain else { return reduced };
+    let d = spread(width + 1, &nuisance.directions);
+    let across = product(&reduced, &d);
+    let mut own = transposed_product(&d, &across);
+    add_diagonal(&mut own, &nuisance.tolerances.iter().map(|t| kappa / (t * t)).collect::<Vec<_>>());
+    if let Some(factor) = Cholesky::new(&own) {
+        let taken = factor.solve_columns(&across.transpose().to_owned());
+        add_scaled_matrix(&mut reduced, -1.0, &product(&across, &taken));
     }
-    all
-}
-
-/// How sums become those of what is left: `y` less what is pinned, all columns less what uncertain ones take.
-pub(crate) struct Reduction {
-    transform: Matrix,
-}
-
-impl Reduction {
-    /// Pins values; `uncertain` are directions with their stiffness, free beside everything.
-    pub fn new(sum: &Matrix, pinned: &[f64], uncertain: Option<(&Nuisance, f64)>) -> (Self, Matrix) {
-        let width = pinned.len();
-        let mut transform = Matrix::identity(width + 1, width + 1);
-        pinned.iter().enumerate().for_each(|(i, x)| transform[(i, width)] = -x);
-        let mut reduced = sandwiched(sum, &transform);
-        let Some((nuisance, kappa)) = uncertain else { return (Self { transform }, reduced) };
-        let d = spread(width + 1, &nuisance.directions);
-        let across = product(&reduced, &d);
-        let mut own = transposed_product(&d, &across);
-        add_diagonal(&mut own, &nuisance.tolerances.iter().map(|t| kappa / (t * t)).collect::<Vec<_>>());
-        if let Some(factor) = Cholesky::new(&own) {
-            let taken = factor.solve_columns(&across.transpose().to_owned());
-            add_scaled_matrix(&mut reduced, -1.0, &product(&across, &taken));
-            let moved = product(&product(&transform, &d), &taken);
-            add_scaled_matrix(&mut transform, -1.0, &moved);
-        }
-        (Self { transform }, reduced)
-    }
-
-    /// Values of all columns, with that of `y`, which is 1, of what is left beside a hypothesis of a size.
-    pub fn values(&self, directions: &[Direction], size: &[f64]) -> Vec<f64> {
-        let rows = self.transform.nrows();
-        let mut own = vec![0.0; rows];
-        own[rows - 1] = 1.0;
-        for (direction, x) in directions.iter().zip(size) {
-            direction.iter().for_each(|&(place, factor)| own[place] -= factor * x);
-        }
-        qv_fit::linear::times(&self.transform, &own)
-    }
-
-    /// Sums of a part of the rows, reduced in the same way.
-    pub fn of(&self, sum: &Matrix) -> Matrix {
-        sandwiched(sum, &self.transform)
-    }
+    reduced
 }
 
 fn sandwiched(sum: &Matrix, transform: &Matrix) -> Matrix {
     transposed_product(transform, &product(sum, transform))
 }
 
-/// A recording after reduction, both bands; sums over all of its rows.
-pub(crate) struct ReducedReference {
-    pub bands: [Matrix; 2],
-    pub reductions: [Reduction; 2],
+/// A recording whose hypotheses are fitted: both bands, and its rows.
+pub(crate) struct Profiles {
+    pub bands: [Profile; 2],
+    /// Sums of the narrow band with everything uncertain taken out, of which the freest fit is made.
+    pub free: Matrix,
     pub rows: f64,
 }
 
@@ -198,8 +166,7 @@ impl<'a> Study<'a> {
     /// Values of all columns, with that of `y`, with which what each reference leaves is found.
     fn values_of_references(&self) -> Vec<Vec<f64>> {
         let pinned = self.pinned(None);
-        let of = |sums: &[Matrix; 2]| self.reduced([&sums[0], &sums[1]], &pinned, 1.0).reductions[0].values(&[], &[]);
-        self.sums.iter().map(of).collect()
+        self.sums.iter().map(|sums| self.profile(&sums[0], &pinned[0]).none().values).collect()
     }
 
     fn weigh(&mut self) {
@@ -244,18 +211,33 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// A reference as if it were to be diagnosed, by the others.
-    pub fn left_out(&self, r: usize) -> ReducedReference {
-        // A fleet's mean hardly depends on one of its robots.
-        let pinned = self.pinned((!self.is_fleet).then_some(r));
-        self.reduced([&self.sums[r][0], &self.sums[r][1]], &pinned, self.references[r].rows())
+    /// Values that all references ask for within some tolerances, narrow band, shape `[width]`.
+    pub fn fit_references(&self, slack: f64) -> Vec<f64> {
+        let width = self.layout.width();
+        let mut sum = Matrix::zeros(width + 1, width + 1);
+        self.sums.iter().for_each(|s| add_scaled_matrix(&mut sum, 1.0, &s[0]));
+        fit_nuisance(self.layout, self.nuisance, slack, &sum, self.kappa)
     }
 
-    /// Sums over all rows of a recording, reduced.
-    pub fn reduced(&self, sums: [&Matrix; 2], pinned: &[Vec<f64>; 2], rows: f64) -> ReducedReference {
-        let uncertain = self.is_fleet.then_some((self.nuisance, self.kappa));
-        let [narrow, wide] = [0, 1].map(|band| Reduction::new(sums[band], &pinned[band], uncertain));
-        ReducedReference { bands: [narrow.1, wide.1], reductions: [narrow.0, wide.0], rows }
+    /// A reference as if it were to be diagnosed, by the others.
+    pub fn left_out(&self, r: usize) -> Profiles {
+        // A fleet's mean hardly depends on one of its robots.
+        let pinned = self.pinned((!self.is_fleet).then_some(r));
+        self.profiles([&self.sums[r][0], &self.sums[r][1]], &pinned, self.references[r].rows())
+    }
+
+    /// Sums over all rows of a recording, from which hypotheses are fitted.
+    pub fn profiles(&self, sums: [&Matrix; 2], pinned: &[Vec<f64>; 2], rows: f64) -> Profiles {
+        let free = reduced(sums[0], &pinned[0], self.uncertain());
+        Profiles { bands: [0, 1].map(|band| self.profile(sums[band], &pinned[band])), free, rows }
+    }
+
+    fn profile(&self, sum: &Matrix, pinned: &[f64]) -> Profile {
+        Profile::new(sum.clone(), pinned, self.uncertain())
+    }
+
+    fn uncertain(&self) -> Option<(&Nuisance, f64)> {
+        self.is_fleet.then_some((self.nuisance, self.kappa))
     }
 }
 
@@ -322,8 +304,8 @@ mod tests {
         let columns: Vec<Vec<f64>> = (0..3).map(|_| (0..rows).map(|_| random.normal(1.0)).collect()).collect();
         let gram = Gram::of(&columns, 0..rows);
         let nuisance = Nuisance { directions: vec![vec![(1, 1.0)]], tolerances: vec![tolerance] };
-        let (_, reduced) = Reduction::new(&gram.sums, &[0.0, 0.0], Some((&nuisance, 1.0)));
-        let own = fit(&reduced, &[vec![(0, 1.0)]]).unwrap();
+        let sum = reduced(&gram.sums, &[0.0, 0.0], Some((&nuisance, 1.0)));
+        let own = fit(&sum, &[vec![(0, 1.0)]]).unwrap();
         // Covariance of rows: 1 + tolerance² u u'.
         let (x, u, y) = (&columns[0], &columns[1], &columns[2]);
         let covariance = Matrix::from_fn(rows, rows, |i, k| f64::from(i == k) + tolerance * tolerance * u[i] * u[k]);

@@ -5,7 +5,7 @@ use crate::evidence::JointRow;
 use crate::gram::{Gram, Layout, assemble};
 use crate::hypothesis::{Direction, Nuisance};
 use crate::signal::quantile;
-use crate::study::{Reduction, autocorrelation_time, fit, free_fit, residual};
+use crate::study::{autocorrelation_time, fit, free_fit, reduced, residual};
 use qv_fit::linear::{Cholesky, squared};
 
 /// Terms that are free; the last is no figure of the table.
@@ -39,7 +39,7 @@ fn row(robot: &Robot, balance: &Balance, e: usize, nuisance: &Nuisance) -> Optio
         directions: kept.iter().map(|&k| nuisance.directions[k].clone()).collect(),
         tolerances: kept.iter().map(|&k| nuisance.tolerances[k]).collect(),
     };
-    let (_, reduced) = Reduction::new(&sum, &vec![0.0; layout.width()], Some((&uncertain, kappa)));
+    let reduced = reduced(&sum, &vec![0.0; layout.width()], Some((&uncertain, kappa)));
     let directions: Vec<Direction> = FREE.iter().map(|&term| vec![(place(term), 1.0)]).collect();
     let own = fit(&reduced, &directions)?;
     let covariance = Cholesky::new(&own.information)?.inverse();

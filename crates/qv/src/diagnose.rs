@@ -325,7 +325,12 @@ fn summary(report: &Report) -> String {
         100.0 * gap.closed_ci95[1],
         joint_rms(gap.joint_rms)
     );
-    for ranked in report.ranking.iter().take(4) {
+    let is_balanced = report.is_balanced();
+    if is_balanced {
+        text += &format!("tests at an error rate of {:.0} % per diagnosis\n", 100.0 * report.policy.held.alpha);
+    }
+    // What passed tests at an error rate has no probability.
+    for ranked in report.ranking.iter().take(if is_balanced { 0 } else { 4 }) {
         let name = if ranked.effect == UNKNOWN { "none of the library" } else { &ranked.effect };
         text += &format!("{:>6.1} %  {name}\n", 100.0 * ranked.probability);
     }

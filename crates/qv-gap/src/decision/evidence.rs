@@ -284,6 +284,9 @@ pub struct ReportData {
     /// Friction and rotor of each joint, of a robot with a fixed base.
     #[serde(default)]
     pub joint_rows: Vec<qv_held::JointRow>,
+    /// Torques over time of a robot that is decided by its torque balance, with what is named.
+    #[serde(default)]
+    pub torque_traces: Vec<qv_held::TorqueTrace>,
     /// What was done.
     pub stages: Vec<Stage>,
     /// How long it took; it is not stored, since it differs from run to run.

@@ -11,27 +11,32 @@ use qv_recording::Run;
 use qv_recording::run::Base;
 use qv_sim::Model;
 
-/// Whether recordings are judged by their torque balance: a fixed base, torques, and references.
+/// Whether recordings are judged by their torque balance: a fixed base, torques, and references or a controller that can be simulated.
 pub(super) fn is_weighed(prepared: &PreparedRuns) -> bool {
     let is_fixed = prepared.usable.first().is_some_and(|run| run.base == Base::Fixed);
     is_fixed && qv_held::can_measure(&prepared.usable, &prepared.reference)
 }
 
-/// The diagnosis, and those without each of the `leave_out` most probable effects.
+/// The diagnosis, and those without each of the `leave_out` first effects. None where simulated robots do not follow the recording's commands, and
+/// where beside them something is there that no hypothesis explains: the path with windows knows more effects, such as backlash and drift.
 pub(super) fn diagnose(
     prepared: &PreparedRuns,
     model: &Model,
     options: &Options,
     leave_out: usize,
-) -> Result<Diagnosis, GapError> {
-    let (evidence, report) = one(prepared, model, options, &options.without)?;
+) -> Result<Option<Diagnosis>, GapError> {
+    let Some((evidence, report)) = one(prepared, model, options, &options.without)? else { return Ok(None) };
+    if prepared.reference.is_empty() && report.verdict == report::Verdict::Unexplained {
+        return Ok(None);
+    }
     let mut without = Vec::new();
     for ranked in report.ranking.iter().filter(|r| r.effect != UNKNOWN).take(leave_out) {
         let names = [&options.without[..], std::slice::from_ref(&ranked.effect)].concat();
-        let (evidence, report) = one(prepared, model, options, &names)?;
-        without.push((ranked.effect.clone(), report, evidence));
+        if let Some((evidence, report)) = one(prepared, model, options, &names)? {
+            without.push((ranked.effect.clone(), report, evidence));
+        }
     }
-    Ok(Diagnosis { report, evidence, without })
+    Ok(Some(Diagnosis { report, evidence, without }))
 }
 
 fn one(
@@ -39,7 +44,7 @@ fn one(
     model: &Model,
     options: &Options,
     without: &[String],
-) -> Result<(Evidence, report::Report), GapError> {
+) -> Result<Option<(Evidence, report::Report)>, GapError> {
     let now = || options.clock.map_or(0.0, |clock| clock());
     let begun = now();
     if let Some(notify) = options.progress {
@@ -54,7 +59,15 @@ fn one(
         seed: options.effort.seed,
         policy: &options.policy.held,
     };
-    let held = qv_held::measure(&request)?;
+    let held = match qv_held::measure(&request) {
+        Err(qv_held::HeldError::Fleet(..)) => return Ok(None),
+        measured => measured?,
+    };
+    let named = match qv_held::decide(&held, &options.policy.held).outcome {
+        qv_held::Outcome::Cause(k, _) => Some(k),
+        _ => None,
+    };
+    let torque_traces = held.torque_traces(named).into_iter().map(rounded).collect();
     let seconds = now() - begun;
     let evidence = Evidence {
         format: FORMAT.into(),
@@ -71,12 +84,20 @@ fn one(
         held_out: [held.loss, held.reference_loss()],
         rounds: Vec::new(),
         corrected: None,
-        report: Some(data(prepared, &held, seconds)),
+        report: Some(data(prepared, &held, torque_traces, seconds)),
         camera: None,
         held: Some(held),
     };
     let report = report::report(&evidence, &options.policy)?;
-    Ok((evidence, report))
+    Ok(Some((evidence, report)))
+}
+
+/// A trace to a ten-thousandth of its units, as is seen of it.
+fn rounded(mut trace: qv_held::TorqueTrace) -> qv_held::TorqueTrace {
+    let t = &mut trace;
+    let all = [&mut t.time, &mut t.speed, &mut t.measured, &mut t.predicted, &mut t.corrected, &mut t.friction];
+    all.into_iter().flatten().for_each(|x| *x = (*x * 1e4).round() * 1e-4);
+    trace
 }
 
 fn facts(effect: &Effect, without: &[String]) -> EffectFacts {
@@ -94,7 +115,12 @@ fn facts(effect: &Effect, without: &[String]) -> EffectFacts {
 }
 
 /// What a report shows of the robot as it is stated.
-fn data(prepared: &PreparedRuns, held: &qv_held::Evidence, seconds: f64) -> ReportData {
+fn data(
+    prepared: &PreparedRuns,
+    held: &qv_held::Evidence,
+    torque_traces: Vec<qv_held::TorqueTrace>,
+    seconds: f64,
+) -> ReportData {
     let floor = held.reference_loss();
     let gap = Gap {
         before: held.loss,
@@ -103,7 +129,11 @@ fn data(prepared: &PreparedRuns, held: &qv_held::Evidence, seconds: f64) -> Repo
         closed: 0.0,
         closed_ci95: [0.0; 2],
         closed_in_fit: None,
-        unit: "mean squared normalized torque residual, 1 = references".into(),
+        unit: if held.is_fleet {
+            "mean squared normalized torque residual, 1 = simulated robots within the tolerances".into()
+        } else {
+            "mean squared normalized torque residual, 1 = references".into()
+        },
         heldout: true,
         joint_rms: [f64::NAN; 2],
         joint_rms_apart: None,
@@ -119,6 +149,12 @@ fn data(prepared: &PreparedRuns, held: &qv_held::Evidence, seconds: f64) -> Repo
         cannot_tell.push(
             "One reference: how the robot differs from day to day is not known. Record references on several days, warm and cold.".into(),
         );
+    }
+    if held.is_fleet {
+        cannot_tell.push(format!(
+            "No reference: {} simulated robots within the tolerances stand for the robot as it should be. What lies within the tolerances is no cause.",
+            held.references
+        ));
     }
     if held.spikes > 0 {
         cannot_tell.push(format!("{} single samples that jumped out and back were replaced", held.spikes));
@@ -149,6 +185,7 @@ fn data(prepared: &PreparedRuns, held: &qv_held::Evidence, seconds: f64) -> Repo
         causes: Vec::new(),
         traces: Traces::default(),
         joint_rows: held.joints.clone(),
+        torque_traces,
         stages: vec![Stage { name: "torque balance".into(), steps: 0 }],
         timing: Timing { runtime_s: seconds, stages_s: vec![seconds] },
         provenance: None,

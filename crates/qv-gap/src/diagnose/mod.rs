@@ -91,8 +91,10 @@ pub fn diagnose(
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
     let prepared = prepared(runs, terrain, options)?;
-    if held::is_weighed(&prepared) {
-        return held::diagnose(&prepared, model, options, leave_out);
+    if held::is_weighed(&prepared)
+        && let Some(diagnosis) = held::diagnose(&prepared, model, options, leave_out)?
+    {
+        return Ok(diagnosis);
     }
     let joint_rows = held::joint_rows(&prepared.usable, model, options);
     let PreparedRuns { usable, reference, mut cannot_tell, fallen } = prepared;

@@ -72,6 +72,7 @@ impl Findings<'_> {
             causes: self.causes(nominal),
             traces,
             joint_rows: Vec::new(),
+            torque_traces: Vec::new(),
             stages: session.stages.clone(),
             timing: Timing { runtime_s: session.now() - begun, stages_s: session.stages_s.clone() },
             provenance: None,

@@ -8,6 +8,7 @@ mod sizes;
 mod style;
 mod together;
 mod torque_balance;
+mod torque_traces;
 mod traces;
 pub mod words;
 
@@ -34,8 +35,9 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
         leads(&report.leads),
         report.together.as_ref().map_or(String::new(), together::together),
         report.torque_balance.as_ref().map_or(String::new(), torque_balance::torque_balance),
+        report.torque_balance.as_ref().map_or(String::new(), |b| torque_traces::torque_traces(&b.traces, &b.events)),
         sentences(report),
-        sizes::sizes(&report.can_tell),
+        sizes::sizes(&report.can_tell, if report.is_balanced() { "eight of ten" } else { "nine of ten" }),
         place(&shown),
         traces::traces(&shown.traces),
         sections.concat(),
@@ -90,16 +92,23 @@ fn leads(leads: &[Lead]) -> String {
         let names: Vec<String> = lead.effects.iter().map(|e| words(e)).collect();
         let _ = write!(
             text,
-            "<p><b>{}</b> ({}): would close {} of the gap, joints {} to {} mrad. To tell: {}.</p>",
+            "<p><b>{}</b> ({}): would close {} of the gap{}. To tell: {}.</p>",
             escape(&names.join(", or ")),
             escape(&crate::report::narrative::amounts(lead)),
             percent(lead.closed),
-            significant(1e3 * lead.joint_rms[0], 3),
-            significant(1e3 * lead.joint_rms[1], 3),
+            joint_errors(lead.joint_rms),
             escape(&lead.separating_experiment)
         );
     }
     text + "</div>"
+}
+
+/// Errors of joints before and after; empty where positions are not compared.
+fn joint_errors([before, after]: [f64; 2]) -> String {
+    if before.is_nan() {
+        return String::new();
+    }
+    format!(", joints {} to {} mrad", significant(1e3 * before, 3), significant(1e3 * after, 3))
 }
 
 /// What to do next beside what cannot be reported.

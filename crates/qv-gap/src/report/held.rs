@@ -3,7 +3,7 @@
 use super::{Gap, Remainder, Report, SetMember, TorqueBalance, Verdict};
 use crate::decision::Policy;
 use crate::decision::evidence::{Evidence, ReportData};
-use crate::findings::{Cause, Correction, Lead, ParameterEstimate, RankedEffect, Share, UNKNOWN, Where};
+use crate::findings::{CanTell, Cause, Correction, Lead, ParameterEstimate, RankedEffect, Share, UNKNOWN, Where};
 use qv_held::{Decision, Event, HypothesisTest, Outcome, decide};
 use std::fmt::Write;
 
@@ -38,7 +38,7 @@ pub(super) fn report(evidence: &Evidence, held: &qv_held::Evidence, data: &Repor
         corrections: page.corrections(),
         corrections_apply: gap.after <= gap.before,
         cannot_show: data.cannot_show.clone(),
-        can_tell: data.can_tell.clone(),
+        can_tell: page.can_tell(),
         heat_map: data.stated.heat_map.clone(),
         floor_plan: Vec::new(),
         curves: Vec::new(),
@@ -190,6 +190,7 @@ impl Page<'_> {
             set: self.set().map(member).collect(),
             events: self.decision.events.clone(),
             joints: data.joint_rows.clone(),
+            traces: data.torque_traces.clone(),
         }
     }
 
@@ -264,11 +265,34 @@ impl Page<'_> {
         all
     }
 
+    fn null(&self) -> &'static str {
+        if self.held.is_fleet { "simulated robots within the tolerances" } else { "the references" }
+    }
+
+    /// Least sizes of hypotheses of one number, by test 1.
+    fn can_tell(&self) -> Vec<CanTell> {
+        let of_one = |(tested, judged): (&HypothesisTest, &qv_held::Judgement)| {
+            let ([axis], [least]) = (&tested.hypothesis.axes[..], &judged.least[..]) else { return None };
+            let is_bounded = axis.range.iter().all(|x| x.abs() < f64::MAX);
+            Some(CanTell {
+                effect: tested.hypothesis.effect.clone(),
+                scope: tested.hypothesis.scope.clone(),
+                parameter: axis.name.clone(),
+                unit: axis.unit.clone(),
+                least_size: Some(*least).filter(|x| x.is_finite() && axis.remarks.is_none()),
+                tolerance: f64::NAN,
+                range: if is_bounded { axis.range } else { [f64::NAN; 2] },
+                confusable_with: Vec::new(),
+            })
+        };
+        self.held.tested.iter().zip(&self.decision.judged).filter_map(of_one).collect()
+    }
+
     fn sentence(&self, causes: &[Cause], leads: &[Lead], gap: &Gap) -> String {
         let ratio = gap.before / gap.floor.max(1e-12);
         let p = self.decision.p_gap;
         let residual =
-            format!("the torque residual is {ratio:.1} times that of the references (p = {})", probability(p));
+            format!("the torque residual is {ratio:.1} times that of {} (p = {})", self.null(), probability(p));
         match &self.decision.outcome {
             Outcome::None => format!("No gap: {residual}."),
             Outcome::Cause(k, _) => {
@@ -318,7 +342,12 @@ impl Page<'_> {
             ));
         }
         if self.verdict() == Verdict::Unexplained {
-            all.push("Record two more references of the robot as it should be, on other days: tests become sharper with each.".into());
+            let advice = if self.held.is_fleet {
+                "Record references of the robot as it should be, on several days, and give them as --reference."
+            } else {
+                "Record two more references of the robot as it should be, on other days: tests become sharper with each."
+            };
+            all.push(advice.into());
         }
         all
     }

@@ -71,6 +71,9 @@ pub struct TorqueBalance {
     pub events: Vec<qv_held::Event>,
     /// Friction and rotor of each joint: value, standard deviation, and what is stated.
     pub joints: Vec<qv_held::JointRow>,
+    /// Torques over time: for the page, too much for `report.json`.
+    #[serde(skip)]
+    pub traces: Vec<qv_held::TorqueTrace>,
 }
 
 /// A hypothesis that explains the recording as well as the best one by chance.
@@ -149,6 +152,13 @@ pub struct Report {
     /// Program, arguments, and inputs with their hashes, where the caller says them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub provenance: Option<serde_json::Value>,
+}
+
+impl Report {
+    /// Whether it is decided by the torque balance of a fixed base: tests at an error rate, and no probabilities.
+    pub fn is_balanced(&self) -> bool {
+        self.torque_balance.as_ref().is_some_and(|balance| balance.p_gap.is_some())
+    }
 }
 
 /// What is wrong with the camera: `visual` in `report.json`.

@@ -67,6 +67,44 @@ fn of(runs: &[Run], reference: Vec<Run>) -> Report {
     diagnose(runs, &model(), &Terrain::none(), &options, 0).unwrap().report
 }
 
+/// The same arm, whose torques were recorded, too.
+fn with_torques(parameters: &[(&str, f64)]) -> Run {
+    let options = SimOptions { timestep: 0.001, ..Default::default() };
+    let mut batch = Batch::<f64>::new(&model(), &Terrain::none(), &options, 1).unwrap();
+    parameters.iter().for_each(|(name, value)| batch.set_parameter(0, name, *value).unwrap());
+    let names = ["cmd_pos", "pos", "tau"].map(|c| format!("{c}.shoulder,{c}.elbow"));
+    let mut csv = format!("time,{}\n", names.join(","));
+    for tick in 0..12_000 {
+        let time = f64::from(tick) * 1e-3;
+        let command = [0.6 * (2.1 * time).sin() + 0.2 * (5.3 * time).sin(), 0.5 * (3.1 * time).sin()];
+        let q = batch.sensors(0).unwrap().q;
+        let (zero, kp, kd) = ([0.0; 2], [12.0; 2], [0.4; 2]);
+        batch.set_command(0, &JointCommand { q: &command, dq: &zero, kp: &kp, kd: &kd, tau: &zero }).unwrap();
+        batch.step();
+        if tick % 5 == 0 {
+            let tau = batch.sensors(0).unwrap().tau;
+            let [a, b] = command;
+            writeln!(csv, "{time:.4},{a:.6},{b:.6},{:.7},{:.7},{:.6},{:.6}", q[0], q[1], tau[0], tau[1]).unwrap();
+        }
+    }
+    read(&csv, SETTINGS)
+}
+
+#[test]
+fn torques_without_references_are_judged_by_simulated_robots() {
+    let calm = of(&[with_torques(&[])], Vec::new());
+    assert_eq!((calm.verdict, calm.causes.len()), (Verdict::NoGap, 0), "{}", calm.sentence);
+    assert!(calm.sentence.contains("simulated robots within the tolerances"), "{}", calm.sentence);
+    let viscous = of(&[with_torques(&[("joint.elbow.viscous_friction", 1.0)])], Vec::new());
+    assert_eq!(viscous.causes[0].effect, "joint_viscous_friction", "{}", viscous.sentence);
+    let least = viscous.can_tell.iter().find(|c| c.effect == "joint_viscous_friction" && c.scope == ["elbow"]).unwrap();
+    assert!(least.least_size.is_some_and(|size| size > 0.0 && size < 1.0), "{least:?}");
+    let page = to_html(&viscous, "arm", &[], &[]);
+    assert!(page.contains("<h2>Torques</h2>") && page.contains("Friction over speed"));
+    assert!(page.contains("false alarms of these tests") && page.contains("eight of ten"));
+    assert!(!page.contains("mrad") && !page.contains("by probability"), "positions are not compared");
+}
+
 #[test]
 fn two_pushes_are_told_with_their_times_and_torques() {
     let pushes = [(3.05, 3.35, 1.5), (7.3, 7.6, -1.2)];

@@ -119,3 +119,44 @@ fn recordings_that_cannot_be_weighed_are_refused_with_the_reason() {
     blank.measured.position.iter_mut().for_each(|s| s.values.fill(f64::NAN));
     fails(blank, &references, "missing");
 }
+
+#[test]
+fn without_references_a_fleet_says_what_a_robot_may_be() {
+    let model = model();
+    let (evidence, decision) = judged(recorded(&model, &[], 3.0).unwrap(), &[]);
+    assert!(evidence.is_fleet && evidence.references > 11, "{}", evidence.references);
+    assert_eq!(decision.outcome, Outcome::None);
+    // What lies within the tolerances is no cause, however well it is seen.
+    let within = recorded(&model, &[("actuator.elbow.kp_scale", 1.04), ("joint.elbow.viscous_friction", 0.12)], 3.0);
+    let (_, decision) = judged(within.unwrap(), &[]);
+    assert_eq!(decision.outcome, Outcome::None);
+    let viscous = recorded(&model, &[("joint.elbow.viscous_friction", 1.1)], 3.0).unwrap();
+    let (evidence, decision) = judged(viscous, &[]);
+    let (effect, place, size, ci95) = named(&evidence, &decision);
+    assert_eq!((effect.as_str(), place.as_str()), ("joint_viscous_friction", "elbow"));
+    assert!(ci95[0] < 1.0 && 1.0 < ci95[1] && (size - 1.0).abs() < 0.2, "{size} {ci95:?}");
+    let Outcome::Cause(k, _) = decision.outcome else { panic!("{:?}", decision.outcome) };
+    let least = decision.judged[k].least[0];
+    assert!(least > 0.03 && least < 1.0, "{least}: above the tolerance, and below what was found");
+}
+
+/// A recording as a servo logs it: positions and commands.
+fn of_servo(mut run: Run) -> Run {
+    run.measured.torque = None;
+    run
+}
+
+#[test]
+fn servos_without_torques_are_measured_by_their_positions() {
+    let model = model();
+    let references: Vec<Run> = references(&model).into_iter().map(of_servo).collect();
+    let (_, decision) = judged(of_servo(recorded(&model, &[], 3.0).unwrap()), &references);
+    assert_eq!(decision.outcome, Outcome::None);
+    let loaded = of_servo(recorded(&model, &[("link.lower.payload_mass", 0.5)], 3.0).unwrap());
+    let (evidence, decision) = judged(loaded, &references);
+    let k =
+        evidence.tested.iter().position(|t| t.hypothesis.effect == "payload_mass" && t.hypothesis.scope == ["lower"]);
+    let k = k.unwrap();
+    let size = evidence.tested[k].size[0];
+    assert!((size - 0.5).abs() < 0.05 && decision.judged[k].p_size < 1e-3, "{size} {:?}", decision.judged[k]);
+}

@@ -54,12 +54,19 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool, mostly: f64) -> String 
     };
     let in_fit = gap.closed_in_fit.filter(|share| share.is_finite());
     let in_fit = in_fit.map_or(String::new(), |share| format!("; {} in the windows of the fit", percent(share)));
+    let positions = if gap.joint_rms[0].is_finite() {
+        format!(
+            "<p>Joint positions: <b style=\"color:var(--before)\">{before}</b> → <b style=\"color:var(--after)\">{after} mrad</b> rms</p>"
+        )
+    } else {
+        String::new()
+    };
     format!(
         "<div class=\"card\"><h3>Closed, of what is above the floor</h3>\
          <div class=\"bars\" style=\"grid-template-columns:auto 1fr\"><span class=\"big\">{}</span>{}</div>\
          <p class=\"soft small\">{interval}{in_fit}</p>\
          <p class=\"soft small\">This share decides: the gap counts as explained from {} on.</p>\
-         <p>Joint positions: <b style=\"color:var(--before)\">{before}</b> → <b style=\"color:var(--after)\">{after} mrad</b> rms</p>{}</div>",
+         {positions}{}</div>",
         percent(gap.closed),
         track_with_interval(gap.closed, gap.closed_ci95, "after"),
         percent(mostly),
@@ -133,11 +140,18 @@ pub(super) fn joints(joints: &[JointShare]) -> String {
     }
     let largest = joints.iter().map(|j| j.share).filter(|x| x.is_finite()).fold(1e-12, f64::max);
     let mut bars = Bars::new();
+    // Where torques are compared there is no error of positions.
+    let has_errors = joints.iter().any(|j| j.pos_rms.is_finite());
     for j in joints {
-        let (share, rms) = (percent(j.share), fixed(1e3 * j.pos_rms, 1));
-        bars.row_of_four(&escape(&j.name), &track(j.share / largest, "accent"), &share, &rms);
+        let (share, bar) = (percent(j.share), track(j.share / largest, "accent"));
+        if has_errors {
+            bars.row_of_four(&escape(&j.name), &bar, &share, &fixed(1e3 * j.pos_rms, 1));
+        } else {
+            bars.row(&escape(&j.name), &bar, &share);
+        }
     }
-    titled_card("Joint: share of the gap, error before [mrad]", &bars.to_html())
+    let title = if has_errors { "Joint: share of the gap, error before [mrad]" } else { "Joint: share of the gap" };
+    titled_card(title, &bars.to_html())
 }
 
 /// All that was considered, best first, as far as it is worth reading; empty without any.

@@ -24,19 +24,27 @@ pub(super) fn causes(report: &Report, library: &[Effect]) -> String {
         let _ = write!(text, "<p>{why}</p>");
     }
     for (place, c) in report.causes.iter().enumerate() {
-        text += &cause(place + 1, c, library);
+        text += &cause(place + 1, c, library, &certainty(report, c));
     }
-    text + &ranking(&report.ranking, &report.causes)
+    // What passed tests at an error rate has no probability.
+    if report.is_balanced() { text } else { text + &ranking(&report.ranking, &report.causes) }
 }
 
-fn cause(place: usize, c: &Cause, library: &[Effect]) -> String {
+/// How sure a cause is: its probability, or the rate of false alarms of the tests that it passed.
+fn certainty(report: &Report, c: &Cause) -> String {
+    if report.is_balanced() {
+        let rate = percent(report.policy.held.alpha);
+        return format!("<span class=\"soft\">false alarms of these tests</span> <b>{rate}</b>");
+    }
+    let (bar, share) = (track(c.probability, "accent"), percent(c.probability));
+    format!("{bar}<span><b>{share}</b> <span class=\"soft\">probable</span></span>")
+}
+
+fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String {
     let mut text = format!(
-        "<article class=\"card cause\"><header><span><span class=\"title\">{place}. {}</span> <code>{}</code></span>{}\
-         <span><b>{}</b> <span class=\"soft\">probable</span></span></header><dl>",
+        "<article class=\"card cause\"><header><span><span class=\"title\">{place}. {}</span> <code>{}</code></span>{certainty}</header><dl>",
         escape(&words(&c.effect)),
         escape(&c.effect),
-        track(c.probability, "accent"),
-        percent(c.probability)
     );
     let mut row = |name: &str, value: String| {
         let _ = write!(text, "<dt>{name}</dt><dd>{value}</dd>");
@@ -49,7 +57,9 @@ fn cause(place: usize, c: &Cause, library: &[Effect]) -> String {
         row("where", scope(c, library));
     }
     let of_what = if c.scope == ["region"] { "what pieces of 0.1 s have more there" } else { "the gap" };
-    row("closes alone", format!("{} of {of_what}", percent(c.closed_alone)));
+    if c.closed_alone.is_finite() {
+        row("closes alone", format!("{} of {of_what}", percent(c.closed_alone)));
+    }
     if !c.confusable_with.is_empty() {
         let names: Vec<String> = c.confusable_with.iter().map(|n| escape(&words(n))).collect();
         row("looks like", names.join(", "));

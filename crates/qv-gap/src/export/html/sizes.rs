@@ -1,4 +1,4 @@
-//! What this recording can show: the least size of each effect that is found in nine of ten such recordings.
+//! What this recording can show: the least size of each effect that is found in most such recordings.
 
 use super::words::{amount, escape, words};
 use crate::report::CanTell;
@@ -6,7 +6,8 @@ use qv_page::Table;
 use qv_page::parts::{card, track};
 
 /// A row for each effect and size; nothing where nothing was measured of it.
-pub(super) fn sizes(all: &[CanTell]) -> String {
+/// `found` says in how many.
+pub(super) fn sizes(all: &[CanTell], found: &str) -> String {
     if all.is_empty() {
         return String::new();
     }
@@ -23,19 +24,21 @@ pub(super) fn sizes(all: &[CanTell]) -> String {
             all.iter().filter(|c| (c.effect.as_str(), c.parameter.as_str()) == key && c.scope.len() == 1).collect();
         let (whole, parts): (Vec<&CanTell>, Vec<&CanTell>) = same.into_iter().partition(|c| c.scope == ["all"]);
         let most = one.range.iter().fold(0.0_f64, |most, limit| most.max(limit.abs()));
+        // Effects whose sizes have no bound have no share either.
         let share = whole.iter().find_map(|c| c.least_size).map_or(1.0, |size| (size / most).min(1.0));
+        let share = if most > 0.0 { track(share, "accent") } else { "–".into() };
         let axis =
             if one.effect.ends_with(&one.parameter) { String::new() } else { format!(" ({})", words(&one.parameter)) };
         table.row(&[
             escape(&format!("{}{axis}", words(&one.effect))),
             escape(&span(&whole)),
             escape(&span(&parts)),
-            track(share, "accent"),
+            share,
             escape(&one.confusable_with.iter().map(|e| words(e)).collect::<Vec<_>>().join(", ")),
         ]);
     }
     let html = format!(
-        "<details><summary>The least size of each effect that this recording shows</summary><p class=\"soft small\">Found in nine of ten such \
+        "<details><summary>The least size of each effect that this recording shows</summary><p class=\"soft small\">Found in {found} such \
          recordings, if nothing else is wrong with the simulator. A full bar: not even the largest that is looked for.</p>\
          <div class=\"scroll\">{}</div></details>",
         table.to_html()
@@ -77,9 +80,9 @@ mod tests {
             range: [0.0, 0.025],
             confusable_with: vec!["actuator_lag".into()],
         };
-        let html = sizes(&[one("all", Some(0.005)), one("hip", Some(0.006)), one("knee", None)]);
+        let html = sizes(&[one("all", Some(0.005)), one("hip", Some(0.006)), one("knee", None)], "nine of ten");
         assert_eq!(html.matches("Command latency").count(), 1, "{html}");
         assert!(html.states("ms 5") && html.states("none 6 1") && html.states("Actuator"), "{html}");
-        assert_eq!(sizes(&[]), "");
+        assert_eq!(sizes(&[], "nine of ten"), "");
     }
 }

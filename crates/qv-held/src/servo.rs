@@ -1,0 +1,206 @@
+//! A servo whose position alone is recorded: its joint simulated over a whole recording, the other joints on their measured paths.
+//!
+//! ```text
+//! (M + I) dv = s clip(kp (c(t - lag) - x) + tau_ff, tau_max) + s kd (dc - v) - G - K (x - q) - b v - f sign(v) - o - k x
+//! f = fc + fs S + mu L,   S = exp(-|v| / vs)
+//! ```
+//!
+//! `G` (gravity and coupling), `M = M_jj` and `K = dG_j / dq_j` are taken along the measured path `q` and linear in the links' parameters. Friction is
+//! a proximal step, so that it sticks exactly (Moreau 1988; Acary and Brogliato 2008): `v <- soft(v*, h f / D)`. Its load-dependent part decides: with
+//! Coulomb and viscous friction alone an added mass is taken for a spring (Duclusaud et al., arXiv 2410.08650).
+
+/// Load `L` that presses on the gear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum LoadForm {
+    /// No load.
+    None,
+    /// Of gravity and coupling, at low speeds.
+    StaticExternal,
+    /// Of gravity and coupling.
+    External,
+    /// Of the motor.
+    Motor,
+    /// Of the motor, at low speeds.
+    StaticMotor,
+}
+
+/// All forms; the first that predicts as well as another is taken.
+pub(crate) const FORMS: [LoadForm; 5] =
+    [LoadForm::StaticExternal, LoadForm::External, LoadForm::Motor, LoadForm::StaticMotor, LoadForm::None];
+
+/// Parameters of servos beside those that every robot has.
+#[derive(Debug, Clone)]
+pub(crate) struct Servos {
+    pub form: LoadForm,
+    /// Shape `[joints]` each.
+    pub stribeck: Vec<f64>,
+    pub load: Vec<f64>,
+    pub offset: Vec<f64>,
+    pub spring: Vec<f64>,
+    /// Factors of the limits of the position's part.
+    pub clip: Vec<f64>,
+    /// What links have beyond the model, shape `[links * 10]`.
+    pub inertial: Vec<f64>,
+}
+
+/// Parameters of a joint.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ServoJoint {
+    pub coulomb: f64,
+    pub stribeck: f64,
+    /// It may take from the damping of the motor \[N m s/rad\].
+    pub viscous: f64,
+    pub load: f64,
+    /// Torque that the motor needs beyond the rest \[N m\].
+    pub offset: f64,
+    pub armature: f64,
+    pub spring: f64,
+    pub kp: f64,
+    pub kd: f64,
+    pub strength: f64,
+    /// \[s\]
+    pub latency: f64,
+    pub bias: f64,
+    /// Limit of the position's part \[N m\], and speed of Stribeck's friction \[rad/s\].
+    pub limit: f64,
+    pub turn: f64,
+    pub form: LoadForm,
+}
+
+/// What a joint is driven and loaded by, on the instants of its recording.
+pub(crate) struct Drive<'a> {
+    /// Between instants \[s\], and steps in it.
+    pub step: f64,
+    pub substeps: usize,
+    /// Measured positions without the encoder's bias, and gravity and coupling, inertia, and slope of gravity there; shape `[instants]`.
+    pub path: &'a [f64],
+    pub carried: &'a [f64],
+    pub inertia: &'a [f64],
+    pub slope: &'a [f64],
+    /// Position, speed and torque that are commanded, from the start of the recording on, at every step of the simulation.
+    pub commands: [&'a [f64]; 3],
+    /// Position and speed at the start.
+    pub start: [f64; 2],
+}
+
+/// Positions of a joint at each instant \[rad\] as its encoder reports them.
+pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> Vec<f64> {
+    let h = drive.step / drive.substeps as f64;
+    let late = joint.latency / h;
+    let count = drive.path.len();
+    let [mut x, mut v] = drive.start;
+    let mut out = Vec::with_capacity(count);
+    for t in 0..count {
+        out.push(x + joint.bias);
+        let next = (t + 1).min(count - 1);
+        for k in 0..drive.substeps {
+            let part = k as f64 / drive.substeps as f64;
+            let between = |of: &[f64]| of[t] + part * (of[next] - of[t]);
+            let [c, dc, ahead] = drive.commands.map(|of| delayed(of, (t * drive.substeps + k) as f64 - late));
+            let (carried, inertia) = (between(drive.carried), between(drive.inertia) + joint.armature);
+            let pull = (joint.kp * (c - x - joint.bias) + ahead).clamp(-joint.limit, joint.limit);
+            let load = carried + between(drive.slope) * (x - between(drive.path));
+            let slow = (-v.abs() / joint.turn).exp();
+            let motor = joint.strength * (pull + joint.kd * (dc - v));
+            let pressed = match joint.form {
+                LoadForm::None => 0.0,
+                LoadForm::StaticExternal => load.abs() * slow,
+                LoadForm::External => load.abs(),
+                LoadForm::Motor => motor.abs(),
+                LoadForm::StaticMotor => motor.abs() * slow,
+            };
+            let friction = joint.coulomb + joint.stribeck * slow + joint.load * pressed;
+            let damping = (joint.strength * joint.kd + joint.viscous).max(0.0);
+            let torque = joint.strength * (pull + joint.kd * dc) - load - joint.offset - joint.spring * x;
+            let whole = inertia + h * damping;
+            let free = (inertia * v + h * torque) / whole;
+            v = free.signum() * (free.abs() - h * friction / whole).max(0.0);
+            x += h * v;
+        }
+    }
+    out
+}
+
+/// A series at a place between its samples, held at both ends.
+fn delayed(of: &[f64], place: f64) -> f64 {
+    let last = of.len() - 1;
+    if place <= 0.0 {
+        return of[0];
+    }
+    let low = (place as usize).min(last);
+    let high = (low + 1).min(last);
+    of[low] + (place - low as f64).min(1.0) * (of[high] - of[low])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn joint() -> ServoJoint {
+        ServoJoint {
+            coulomb: 0.0,
+            stribeck: 0.0,
+            viscous: 0.0,
+            load: 0.0,
+            offset: 0.0,
+            armature: 0.02,
+            spring: 0.0,
+            kp: 20.0,
+            kd: 0.4,
+            strength: 1.0,
+            latency: 0.0,
+            bias: 0.0,
+            limit: f64::INFINITY,
+            turn: 0.1,
+            form: LoadForm::None,
+        }
+    }
+
+    fn moved(joint: &ServoJoint, load: f64) -> Vec<f64> {
+        let zeros = vec![0.0; 400];
+        let (still, moving) = (vec![0.0; 4000], vec![0.3; 4000]);
+        let drive = Drive {
+            step: 0.01,
+            substeps: 10,
+            path: &zeros,
+            carried: &vec![load; 400],
+            inertia: &vec![0.03; 400],
+            slope: &zeros,
+            commands: [&moving, &still, &still],
+            start: [0.0; 2],
+        };
+        simulate(joint, &drive)
+    }
+
+    #[test]
+    fn a_step_is_that_of_an_oscillator() {
+        // 0.05 x'' + 0.4 x' + 20 (x - 0.3) = 0.
+        let all = moved(&joint(), 0.0);
+        let (w, d): (f64, f64) = (20.0, 4.0);
+        let natural = (w * w - d * d).sqrt();
+        for k in [5usize, 20, 60] {
+            let t = 0.01 * k as f64;
+            let exact = 0.3 * (1.0 - (-d * t).exp() * ((natural * t).cos() + d / natural * (natural * t).sin()));
+            assert!((all[k] - exact).abs() < 6e-3, "{t}: {} {exact}", all[k]);
+        }
+    }
+
+    #[test]
+    fn friction_sticks_exactly_where_the_servo_cannot_break_it_away() {
+        let stuck = ServoJoint { coulomb: 7.0, ..joint() };
+        assert!(moved(&stuck, 0.0).iter().all(|x| *x == 0.0));
+        // It comes to rest within the band of friction about where the load would hold it.
+        let slack = ServoJoint { coulomb: 1.0, ..joint() };
+        let rest = moved(&slack, 2.0)[399];
+        assert!((rest - (0.3 - 2.0 / 20.0)).abs() <= 1.0 / 20.0 + 1e-9, "{rest}");
+    }
+
+    #[test]
+    fn load_friction_grows_with_the_load() {
+        let pressed = ServoJoint { load: 0.9, form: LoadForm::StaticExternal, ..joint() };
+        // It starts against 6 N m with 6 N m of the servo less the load, and stays for it.
+        let all = moved(&pressed, 5.0);
+        assert!(all.iter().all(|x| *x == 0.0), "{}", all[399]);
+        assert!(moved(&joint(), 5.0)[399] > 0.04);
+    }
+}
