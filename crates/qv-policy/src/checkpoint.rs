@@ -6,7 +6,7 @@ use crate::train::{Checkpoint, TrainSettings};
 use serde::{Deserialize, Serialize};
 
 /// First bytes of the file, with its version.
-const MAGIC: &str = "quadverse walk checkpoint 2";
+const MAGIC: &str = "quadverse walk checkpoint 3";
 
 #[derive(Serialize, Deserialize)]
 struct Header {

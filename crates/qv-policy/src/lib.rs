@@ -29,6 +29,7 @@ pub mod compensate;
 pub mod distribution;
 pub mod env;
 mod error;
+pub mod gait;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
@@ -39,6 +40,7 @@ pub mod policy;
 pub mod ppo;
 pub mod roll;
 pub mod score;
+pub mod symmetry;
 pub mod train;
 pub mod velocity;
 

@@ -11,6 +11,7 @@ use crate::adam::Adam;
 use crate::distribution::Spread;
 use crate::env::{End, VectorEnv};
 use crate::net::{Mlp, Tape, TransposedWeights, padded};
+use crate::symmetry::{MirrorMap, Symmetry};
 use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -47,6 +48,9 @@ pub struct PpoSettings {
     pub std: f32,
     /// Least standard deviation: exploration that never ends.
     pub least_std: f32,
+    /// Whether updates read the mirror image of each sample, too (rsl_rl's `symmetry_cfg.use_data_augmentation`); without effect for robots
+    /// that are not their own mirror images.
+    pub symmetry: bool,
     /// Sizes of the hidden layers of the actor.
     pub actor: Vec<usize>,
     /// Sizes of the hidden layers of the critic.
@@ -70,6 +74,7 @@ impl Default for PpoSettings {
             gradient: 1.0,
             std: 1.0,
             least_std: 0.05,
+            symmetry: true,
             actor: vec![64, 64],
             critic: vec![64, 64],
         }
@@ -162,6 +167,9 @@ struct Shard {
     tapes: [Tape; 2],
     rows: [Vec<f32>; 2],
     of_output: [Vec<f32>; 2],
+    actions: Vec<f32>,
+    /// A row whose image is being made.
+    row: Vec<f32>,
     /// Sums of surrogate, value error, divergence.
     sums: [f64; 3],
 }
@@ -183,6 +191,7 @@ pub struct Ppo {
     pub iterations: u64,
     actions: usize,
     scaling: [(Vec<f32>, Vec<f32>); 2],
+    symmetry: Option<Symmetry>,
     samples: Samples,
     turned: [TransposedWeights; 2],
     shards: Vec<Shard>,
@@ -214,6 +223,8 @@ impl Ppo {
             tapes: [actor.tape(ROWS), critic.tape(ROWS)],
             rows: [vec![0.0; ROWS * padded(env.observations())], vec![0.0; ROWS * padded(env.privileged())]],
             of_output: [vec![0.0; ROWS * padded(env.actions())], vec![0.0; ROWS * padded(1)]],
+            actions: vec![0.0; ROWS * padded(env.actions())],
+            row: vec![0.0; padded(env.observations()).max(padded(env.privileged())).max(padded(env.actions()))],
             sums: [0.0; 3],
         };
         let count = env.count();
@@ -224,6 +235,7 @@ impl Ppo {
             iterations: 0,
             actions: env.actions(),
             scaling: [env.observation_scaling(), env.privileged_scaling()],
+            symmetry: env.symmetry().filter(|_| settings.symmetry),
             samples: Samples::default(),
             turned: [actor.turned(), critic.turned()],
             shards: vec![shard; SHARDS],
@@ -507,34 +519,49 @@ impl Ppo {
         means
     }
 
-    /// Adds the gradient of some samples to a shard.
+    /// Adds the gradient of some samples, and of their mirror images, to a shard.
     fn rows(&self, chosen: &[u32], batch: usize, (spread, old): (&Spread, &Spread), shard: &mut Shard) {
         let samples = &self.samples;
+        gather(&samples.observations, chosen, padded(self.actor.inputs()), &mut shard.rows[0]);
+        gather(&samples.privileged, chosen, padded(self.critic.inputs()), &mut shard.rows[1]);
+        gather(&samples.actions, chosen, padded(self.actions), &mut shard.actions);
+        let images = if self.symmetry.is_some() { 2 } else { 1 };
+        let each = 1.0 / (images * batch) as f32;
+        self.actor_rows(chosen, each, (spread, Some(old)), shard);
+        self.critic_rows(chosen, each, shard);
+        let Some(symmetry) = &self.symmetry else { return };
+        let [rows, privileged] = &mut shard.rows;
+        mirror_rows(&symmetry.observation, padded(self.actor.inputs()), chosen.len(), rows, &mut shard.row);
+        mirror_rows(&symmetry.privileged, padded(self.critic.inputs()), chosen.len(), privileged, &mut shard.row);
+        mirror_rows(&symmetry.action, padded(self.actions), chosen.len(), &mut shard.actions, &mut shard.row);
+        self.actor_rows(chosen, each, (spread, None), shard);
+        self.critic_rows(chosen, each, shard);
+    }
+
+    /// The clipped objective of rows. Old densities and advantages are those of the samples, for their images, too; the divergence from the
+    /// old policy is measured where that is given.
+    fn actor_rows(&self, chosen: &[u32], each: f32, (spread, old): (&Spread, Option<&Spread>), shard: &mut Shard) {
+        let samples = &self.samples;
         let (actions, acts) = (self.actions, padded(self.actions));
-        let gather = |from: &[f32], width: usize, to: &mut [f32]| {
-            for (row, &sample) in to.chunks_exact_mut(width).zip(chosen) {
-                row.copy_from_slice(&from[sample as usize * width..][..width]);
-            }
-        };
-        gather(&samples.observations, padded(self.actor.inputs()), &mut shard.rows[0]);
-        gather(&samples.privileged, padded(self.critic.inputs()), &mut shard.rows[1]);
-        let (actor, critic) = self.parameters.split_at(self.actor.len());
-        let each = 1.0 / batch as f32;
-        let [of_means, of_values] = &mut shard.of_output;
-        let (networks_gradient, of_log_std) = shard.gradient.split_at_mut(self.actor.len() + self.critic.len());
+        let (of_means, networks) = (&mut shard.of_output[0], self.actor.len() + self.critic.len());
+        let (networks_gradient, of_log_std) = shard.gradient.split_at_mut(networks);
+        let actor = &self.parameters[..self.actor.len()];
+        let share = if self.symmetry.is_some() { 0.5 } else { 1.0 };
         let means = self.actor.forward(actor, chosen.len(), &shard.rows[0], &mut shard.tapes[0]);
         for (i, &sample) in chosen.iter().enumerate() {
             let sample = sample as usize;
-            let (mean, action) = (&means[i * acts..][..actions], &samples.actions[sample * acts..][..actions]);
+            let (mean, action) = (&means[i * acts..][..actions], &shard.actions[i * acts..][..actions]);
             let density = spread.log_density(action, mean);
             let (ratio, advantage) = ((density - samples.densities[sample]).exp(), samples.advantages[sample]);
             let limited = ratio.clamp(1.0 - self.settings.clip, 1.0 + self.settings.clip);
             let (free, held) = (ratio * advantage, limited * advantage);
             // The lesser of the two; where that is the limited one, no gradient flows.
             let slope = if free <= held { -free * each } else { 0.0 };
-            let old_mean = &samples.means[sample * acts..][..actions];
-            shard.sums[0] -= f64::from(free.min(held));
-            shard.sums[2] += f64::from(spread.divergence(mean, old, old_mean));
+            shard.sums[0] -= share * f64::from(free.min(held));
+            if let Some(old) = old {
+                let old_mean = &samples.means[sample * acts..][..actions];
+                shard.sums[2] += f64::from(spread.divergence(mean, old, old_mean));
+            }
             let of_mean = &mut of_means[i * acts..][..actions];
             for k in 0..actions {
                 let z = (action[k] - mean[k]) * spread.inverse[k];
@@ -542,16 +569,38 @@ impl Ppo {
                 of_log_std[k] += slope * (z * z - 1.0);
             }
         }
+        let of_actor = &mut networks_gradient[..self.actor.len()];
+        self.actor.backward(&self.turned[0], chosen.len(), &shard.rows[0], of_means, &mut shard.tapes[0], of_actor);
+    }
+
+    /// The squared error of the value of rows, which the samples' returns are the targets of.
+    fn critic_rows(&self, chosen: &[u32], each: f32, shard: &mut Shard) {
+        let of_values = &mut shard.of_output[1];
+        let critic = &self.parameters[self.actor.len()..];
         let values = self.critic.forward(critic, chosen.len(), &shard.rows[1], &mut shard.tapes[1]);
+        let share = if self.symmetry.is_some() { 0.5 } else { 1.0 };
         for (i, &sample) in chosen.iter().enumerate() {
-            let error = values[i * padded(1)] - samples.returns[sample as usize];
-            shard.sums[1] += f64::from(error * error);
+            let error = values[i * padded(1)] - self.samples.returns[sample as usize];
+            shard.sums[1] += share * f64::from(error * error);
             of_values[i * padded(1)] = 2.0 * self.settings.value * error * each;
         }
-        let (of_actor, of_critic) = networks_gradient.split_at_mut(self.actor.len());
-        let [tape, other] = &mut shard.tapes;
-        self.actor.backward(&self.turned[0], chosen.len(), &shard.rows[0], of_means, tape, of_actor);
-        self.critic.backward(&self.turned[1], chosen.len(), &shard.rows[1], of_values, other, of_critic);
+        let of_critic = &mut shard.gradient[self.actor.len()..self.actor.len() + self.critic.len()];
+        self.critic.backward(&self.turned[1], chosen.len(), &shard.rows[1], of_values, &mut shard.tapes[1], of_critic);
+    }
+}
+
+/// The rows of chosen samples, one after another.
+fn gather(from: &[f32], chosen: &[u32], width: usize, to: &mut [f32]) {
+    for (row, &sample) in to.chunks_exact_mut(width).zip(chosen) {
+        row.copy_from_slice(&from[sample as usize * width..][..width]);
+    }
+}
+
+/// Puts the mirror images of rows in their places.
+fn mirror_rows(map: &MirrorMap, width: usize, count: usize, rows: &mut [f32], scratch: &mut [f32]) {
+    for row in rows.chunks_exact_mut(width).take(count) {
+        scratch[..width].copy_from_slice(row);
+        map.apply(scratch, row);
     }
 }
 

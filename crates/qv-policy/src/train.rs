@@ -8,7 +8,7 @@ use crate::PolicyError;
 use crate::env::VectorEnv;
 use crate::policy::{Policy, hash_of, model_hash};
 use crate::ppo::{Iteration, Ppo, PpoSettings};
-use crate::score::{Score, score};
+use crate::score::{GAIT_ROBOTS, Score, judge_gait, score};
 use crate::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
 use qv_core::Mismatch;
 use serde::{Deserialize, Serialize};
@@ -91,6 +91,7 @@ pub struct Training {
     settings: TrainSettings,
     env: VelocityTask,
     judge: VelocityTask,
+    gait_judge: VelocityTask,
     ppo: Ppo,
     best: Option<(Score, Policy)>,
     epoch: u64,
@@ -165,6 +166,7 @@ impl Training {
         settings.check()?;
         let env = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), settings.robots)?;
         let judge = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), settings.score_robots)?;
+        let gait_judge = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), GAIT_ROBOTS)?;
         let ppo = Ppo::new(&settings.ppo, &env, settings.seed)?;
         let kept = Checkpoint {
             settings: settings.clone(),
@@ -179,7 +181,7 @@ impl Training {
             curriculum: Vec::new(),
             best: None,
         };
-        let mut training = Self { settings: settings.clone(), env, judge, ppo, best: None, epoch: 0, kept };
+        let mut training = Self { settings: settings.clone(), env, judge, gait_judge, ppo, best: None, epoch: 0, kept };
         training.begin_epoch()?;
         Ok(training)
     }
@@ -326,7 +328,9 @@ impl Training {
     pub fn judge_now(&mut self) -> Result<Score, PolicyError> {
         let policy = Policy::of(&self.ppo);
         let commands = self.settings.task.commands.clone();
-        let found = score(&policy, &mut self.judge, &commands, self.settings.score_seconds, self.settings.seed)?;
+        let (seconds, seed) = (self.settings.score_seconds, self.settings.seed);
+        let mut found = score(&policy, &mut self.judge, &commands, seconds, seed)?;
+        found.gait = Some(judge_gait(&policy, &mut self.gait_judge, &commands, seconds, seed)?);
         if self.best.as_ref().is_none_or(|(best, _)| found.cost() < best.cost()) {
             self.best = Some((found.clone(), policy));
         }
