@@ -48,9 +48,10 @@ pub struct PpoSettings {
     pub std: f32,
     /// Least standard deviation: exploration that never ends.
     pub least_std: f32,
-    /// Whether updates read the mirror image of each sample, too (rsl_rl's `symmetry_cfg.use_data_augmentation`); without effect for robots
-    /// that are not their own mirror images.
-    pub symmetry: bool,
+    /// Epochs of a training in which updates read the mirror image of each sample, too (rsl_rl's `symmetry_cfg.use_data_augmentation`); without
+    /// effect for robots that are not their own mirror images. Later ones break the tie between left and right: a policy that is exactly
+    /// its own mirror image cannot start a trot from a stand that is.
+    pub symmetry_epochs: u64,
     /// Sizes of the hidden layers of the actor.
     pub actor: Vec<usize>,
     /// Sizes of the hidden layers of the critic.
@@ -74,7 +75,7 @@ impl Default for PpoSettings {
             gradient: 1.0,
             std: 1.0,
             least_std: 0.05,
-            symmetry: true,
+            symmetry_epochs: 6,
             actor: vec![64, 64],
             critic: vec![64, 64],
         }
@@ -187,11 +188,15 @@ pub struct Ppo {
     pub adam: Adam,
     /// Learning rate in force.
     pub rate: f32,
+    /// Share of the entropy's weight that is in force.
+    pub entropy_share: f32,
     /// Iterations done.
     pub iterations: u64,
     actions: usize,
     scaling: [(Vec<f32>, Vec<f32>); 2],
     symmetry: Option<Symmetry>,
+    /// Whether updates read mirror images, where the environment has them.
+    pub mirrors: bool,
     samples: Samples,
     turned: [TransposedWeights; 2],
     shards: Vec<Shard>,
@@ -232,10 +237,12 @@ impl Ppo {
             settings: settings.clone(),
             adam: Adam::new(parameters.len()),
             rate: settings.rate,
+            entropy_share: 1.0,
             iterations: 0,
             actions: env.actions(),
             scaling: [env.observation_scaling(), env.privileged_scaling()],
-            symmetry: env.symmetry().filter(|_| settings.symmetry),
+            symmetry: env.symmetry(),
+            mirrors: true,
             samples: Samples::default(),
             turned: [actor.turned(), critic.turned()],
             shards: vec![shard; SHARDS],
@@ -513,10 +520,16 @@ impl Ppo {
             first.sums.iter_mut().zip(shard.sums).for_each(|(sum, x)| *sum += x);
         }
         let at = self.actor.len() + self.critic.len();
-        first.gradient[at..].iter_mut().for_each(|g| *g -= self.settings.entropy);
+        let entropy = self.settings.entropy * self.entropy_share;
+        first.gradient[at..].iter_mut().for_each(|g| *g -= entropy);
         let means = first.sums.map(|sum| (sum / batch.len() as f64) as f32);
         self.shards = shards;
         means
+    }
+
+    /// How samples are mirrored, where they are.
+    fn mirror(&self) -> Option<&Symmetry> {
+        self.symmetry.as_ref().filter(|_| self.mirrors)
     }
 
     /// Adds the gradient of some samples, and of their mirror images, to a shard.
@@ -525,11 +538,11 @@ impl Ppo {
         gather(&samples.observations, chosen, padded(self.actor.inputs()), &mut shard.rows[0]);
         gather(&samples.privileged, chosen, padded(self.critic.inputs()), &mut shard.rows[1]);
         gather(&samples.actions, chosen, padded(self.actions), &mut shard.actions);
-        let images = if self.symmetry.is_some() { 2 } else { 1 };
+        let images = if self.mirror().is_some() { 2 } else { 1 };
         let each = 1.0 / (images * batch) as f32;
         self.actor_rows(chosen, each, (spread, Some(old)), shard);
         self.critic_rows(chosen, each, shard);
-        let Some(symmetry) = &self.symmetry else { return };
+        let Some(symmetry) = self.mirror() else { return };
         let [rows, privileged] = &mut shard.rows;
         mirror_rows(&symmetry.observation, padded(self.actor.inputs()), chosen.len(), rows, &mut shard.row);
         mirror_rows(&symmetry.privileged, padded(self.critic.inputs()), chosen.len(), privileged, &mut shard.row);
@@ -546,7 +559,7 @@ impl Ppo {
         let (of_means, networks) = (&mut shard.of_output[0], self.actor.len() + self.critic.len());
         let (networks_gradient, of_log_std) = shard.gradient.split_at_mut(networks);
         let actor = &self.parameters[..self.actor.len()];
-        let share = if self.symmetry.is_some() { 0.5 } else { 1.0 };
+        let share = if self.mirror().is_some() { 0.5 } else { 1.0 };
         let means = self.actor.forward(actor, chosen.len(), &shard.rows[0], &mut shard.tapes[0]);
         for (i, &sample) in chosen.iter().enumerate() {
             let sample = sample as usize;
@@ -578,7 +591,7 @@ impl Ppo {
         let of_values = &mut shard.of_output[1];
         let critic = &self.parameters[self.actor.len()..];
         let values = self.critic.forward(critic, chosen.len(), &shard.rows[1], &mut shard.tapes[1]);
-        let share = if self.symmetry.is_some() { 0.5 } else { 1.0 };
+        let share = if self.mirror().is_some() { 0.5 } else { 1.0 };
         for (i, &sample) in chosen.iter().enumerate() {
             let error = values[i * padded(1)] - self.samples.returns[sample as usize];
             shard.sums[1] += share * f64::from(error * error);

@@ -86,6 +86,10 @@ pub struct Line {
     pub score: Option<Score>,
 }
 
+/// Iterations over which the mean of the actor's numbers runs, which is what is scored and kept: it follows commands more exactly than any of
+/// them (Polyak and Juditsky 1992).
+const AVERAGED: f32 = 20.0;
+
 /// A training that goes on as long as it is asked to.
 pub struct Training {
     settings: TrainSettings,
@@ -95,6 +99,8 @@ pub struct Training {
     ppo: Ppo,
     best: Option<(Score, Policy)>,
     epoch: u64,
+    /// Mean of the actor's numbers over the last iterations of the epoch, see [`AVERAGED`].
+    mean: Vec<f32>,
     /// Networks, optimiser and curriculum when the epoch began.
     kept: Checkpoint,
 }
@@ -181,7 +187,7 @@ impl Training {
             curriculum: Vec::new(),
             best: None,
         };
-        let mut training = Self { settings: settings.clone(), env, judge, gait_judge, ppo, best: None, epoch: 0, kept };
+        let mut training = Self { settings: settings.clone(), env, judge, gait_judge, ppo, best: None, epoch: 0, mean: Vec::new(), kept };
         training.begin_epoch()?;
         Ok(training)
     }
@@ -243,7 +249,11 @@ impl Training {
 
     fn begin_epoch(&mut self) -> Result<(), PolicyError> {
         self.kept = self.state(self.epoch);
+        self.mean = Policy::of(&self.ppo).parameters;
         self.env.restart(self.settings.seed, self.epoch)?;
+        self.ppo.mirrors = self.epoch < self.settings.ppo.symmetry_epochs;
+        // Exploration gives way to exactness: noise starts a robot that would stand still without it, and hides that.
+        self.ppo.entropy_share = 1.0 - self.settings.task.reward.narrowed(self.epoch);
         self.ppo.reseed(self.settings.seed, self.epoch, self.settings.robots);
         Ok(())
     }
@@ -297,9 +307,9 @@ impl Training {
         self.best.as_ref()
     }
 
-    /// The present policy.
+    /// The present policy, with the mean of the last iterations' numbers.
     pub fn policy(&self) -> Policy {
-        Policy::of(&self.ppo)
+        Policy { parameters: self.mean.clone(), ..Policy::of(&self.ppo) }
     }
 
     /// One iteration, and a score where one is due.
@@ -309,6 +319,9 @@ impl Training {
     pub fn advance(&mut self) -> Result<Line, PolicyError> {
         let iteration = self.ppo.iterate(&mut self.env)?;
         let done = self.ppo.iterations;
+        // Of an epoch, so that a training that is taken up again has the same.
+        let share = 1.0 / ((done - self.kept.iterations) as f32).clamp(1.0, AVERAGED);
+        self.mean.iter_mut().zip(&self.ppo.parameters).for_each(|(mean, x)| *mean += share * (x - *mean));
         let samples = done * (self.settings.robots * self.settings.ppo.steps) as u64;
         let mut line = Line { iteration, samples, figures: self.env.figures(), score: None };
         if done.is_multiple_of(self.settings.score_every) {
@@ -326,7 +339,7 @@ impl Training {
     /// # Errors
     /// When a number is not finite.
     pub fn judge_now(&mut self) -> Result<Score, PolicyError> {
-        let policy = Policy::of(&self.ppo);
+        let policy = self.policy();
         let commands = self.settings.task.commands.clone();
         let (seconds, seed) = (self.settings.score_seconds, self.settings.seed);
         let mut found = score(&policy, &mut self.judge, &commands, seconds, seed)?;

@@ -6,6 +6,7 @@
 mod ground;
 mod judge;
 mod mirror;
+mod propose;
 mod randomise;
 mod readings;
 mod reward;
@@ -16,6 +17,7 @@ mod walker;
 
 pub use ground::Ground;
 pub use mirror::RobotMirror;
+pub use propose::{RESERVE, StandReport};
 pub use reward::TERMS;
 pub use robot::{PerJoint, RobotFile, TaskRobot};
 pub use settings::{Commands, Ends, Noise, Randomise, Reward, TaskSettings};

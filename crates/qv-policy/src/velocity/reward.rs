@@ -4,7 +4,7 @@ use super::settings::Reward;
 use super::walker::Walker;
 
 /// Names of the terms, in the order in which a step has them.
-pub const TERMS: [&str; 24] = [
+pub const TERMS: [&str; 23] = [
     "velocity",
     "turning",
     "bounce",
@@ -28,12 +28,7 @@ pub const TERMS: [&str; 24] = [
     "still",
     "steady",
     "fall",
-    "cut",
 ];
-
-/// Places of the terms that are no sums over a step.
-const FALL: usize = TERMS.len() - 2;
-const CUT: usize = TERMS.len() - 1;
 
 /// Weighted terms of one step of one robot \[1/s\].
 pub type Terms = [f32; TERMS.len()];
@@ -118,7 +113,7 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &RewardInput, walker: &
     let near = |off: f32| 1.0 / (1.0 + off / (reward.steady_width * reward.steady_width));
     let steady = near(ahead * ahead + aside * aside) + near(turn * turn);
     let moving = |x: f32| if standing { 0.0 } else { x };
-    let mut out = [
+    [
         reward.velocity * (-off / reward.velocity_width).exp(),
         reward.turning * (-turn_off / reward.turning_width).exp(),
         -reward.bounce * seen.velocity[2] * seen.velocity[2],
@@ -141,15 +136,8 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &RewardInput, walker: &
         -reward.limbs * seen.limbs as f32,
         if standing { -reward.still * still } else { 0.0 },
         reward.steady * steady,
-        0.0,
-        0.0,
-    ];
-    let sum: f32 = out.iter().sum();
-    out[CUT] = (reward.least - sum).max(0.0);
-    if seen.fell {
-        out[FALL] = -reward.fall / dt;
-    }
-    out
+        if seen.fell { -reward.fall / dt } else { 0.0 },
+    ]
 }
 
 fn variance(values: &[f32]) -> f32 {

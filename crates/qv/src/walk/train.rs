@@ -7,6 +7,7 @@ use crate::progress::remark;
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say};
 use indicatif::{ProgressBar, ProgressStyle};
+use qv_policy::gait::verdict;
 use qv_policy::play::play;
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::Score;
@@ -32,7 +33,7 @@ pub struct Train {
     /// plane; bumps of 4 cm; levels (slopes up to 15 degrees, stairs up to 10 cm, bumps); or a mesh that `qv mesh` made
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
     ground: String,
-    /// Iterations; each is 24 steps of all robots. Default: 400 on the plane, 800 on bumps and meshes or with --robust, 3000 on levels
+    /// Iterations; each is 24 steps of all robots. Default: 800 on the plane, 1200 on bumps and meshes or with --robust, 3000 on levels
     #[arg(long, value_name = "N")]
     iterations: Option<u64>,
     /// Stop after so many seconds, if that comes first
@@ -106,6 +107,9 @@ impl Train {
             Some(file) => self.around(file, &robot, &ground, settings)?,
             None => settings,
         };
+        if let Some(reason) = robot.mirror().err().filter(|_| settings.ppo.symmetry_epochs > 0) {
+            remark(&format!("mirror images are off: {reason}"));
+        }
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
         // Errors of the command line stay on their thread: this one crosses as its text.
@@ -168,8 +172,8 @@ impl Train {
     fn iterations(&self) -> u64 {
         self.iterations.unwrap_or(match self.ground.as_str() {
             "levels" => 3000,
-            "plane" if !self.robust => 400,
-            _ => 800,
+            "plane" if !self.robust => 800,
+            _ => 1200,
         })
     }
 
@@ -237,8 +241,9 @@ impl Train {
             return Ok(Outcome::Done);
         }
         say(&format!(
-            "{}\n{} iterations, {:.2} million samples in {:.0} s; written to {} (checkpoint.bin: iteration {})\n",
+            "{}\n{}\n{} iterations, {:.2} million samples in {:.0} s; written to {} (checkpoint.bin: iteration {})\n",
             super::score::sentence(&score),
+            score.gait.as_ref().map_or_else(String::new, |gait| verdict(&gait.checks(&played.feet))),
             training.ppo().iterations,
             done.lines.last().map_or(0.0, |l| l.samples as f64 / 1e6),
             done.seconds,

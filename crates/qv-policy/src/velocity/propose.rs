@@ -1,0 +1,251 @@
+//! What a robot file leaves out, proposed from the model: feet, stand, gains, action scale and rotor inertia; and whether the stand holds.
+//!
+//! The rule, for four legs of two joints or more:
+//! - a foot is the shape of a leg's last link that is farthest from that link's joint;
+//! - in the stand each foot is below its hip, at [`STANDING`] of the leg's length, the knees behind the hips where limits allow both;
+//! - `kp` is [`STIFFNESS`] times a foot's share of the weight on a lever as long as the robot is high ([`TaskRobot::torque_scale`]), that of
+//!   the Go2's policies; `kd` is a fortieth of it; an action of one moves a target by 0.25 rad (legged_gym);
+//! - rotor inertia, where the model states none, is the Go2's in proportion to the mass.
+
+use super::robot::TaskRobot;
+use super::{Ground, TaskSettings, VelocityTask};
+use crate::PolicyError;
+use crate::env::{End, VectorEnv};
+use glam::DVec3;
+use qv_sim::Model;
+
+/// Height of the hips over the feet in a stand, in lengths of a stretched leg: 0.73 for the Go2, 0.82 for ANYmal C.
+const STANDING: f64 = 0.75;
+/// `kp` over the torque of the stand \[1/rad\]: 30 N m/rad of the Go2.
+const STIFFNESS: f32 = 2.5;
+/// `kp` over `kd` \[1/s\].
+const DAMPING: f32 = 40.0;
+/// Radians for an action of one.
+const ACTION_SCALE: f32 = 0.25;
+/// Rotor inertia \[kg m²\] for each kilogram of the robot: 0.01 for a Go2.
+const ARMATURE: f64 = 0.01 / 15.2;
+/// Values of each joint that the search for a stand begins with.
+const GRID: usize = 9;
+/// Least torque reserve with which a robot is trained.
+pub const RESERVE: f32 = 2.0;
+
+/// One leg, from the base outwards.
+struct Leg {
+    joints: Vec<usize>,
+    foot: usize,
+}
+
+/// Legs of a model: chains of at least two joints from the base to a link that carries no other.
+fn legs(model: &Model) -> Result<Vec<Leg>, PolicyError> {
+    let is_leaf = |link: usize| !model.links.iter().any(|other| other.parent == Some(link));
+    let mut found = Vec::new();
+    for leaf in (1..model.links.len()).filter(|&link| is_leaf(link)) {
+        let mut joints = Vec::new();
+        let mut link = Some(leaf);
+        while let Some(now) = link {
+            joints.extend(model.links[now].joint);
+            link = model.links[now].parent;
+        }
+        joints.reverse();
+        let far = |g: &usize| model.geoms[*g].link_from_geom.position.length();
+        let own = (0..model.geoms.len()).filter(|&g| model.geoms[g].link == leaf);
+        let foot = own.max_by(|a, b| far(a).total_cmp(&far(b)));
+        if let Some(foot) = foot.filter(|_| joints.len() >= 2) {
+            found.push(Leg { joints, foot });
+        }
+    }
+    if found.len() == 4 {
+        return Ok(found);
+    }
+    let expected = "four legs that end in a shape (for others a robot file names `stand` and `feet`)";
+    Err(PolicyError::setting("robot", expected, format!("{} legs", found.len())))
+}
+
+/// The shapes of the feet.
+///
+/// # Errors
+/// When there are not four legs.
+pub(super) fn feet(model: &Model) -> Result<Vec<usize>, PolicyError> {
+    Ok(legs(model)?.iter().map(|leg| leg.foot).collect())
+}
+
+/// Joint angles of a stand \[rad\].
+///
+/// # Errors
+/// When there are not four legs, or a foot cannot be put below its hip within the limits.
+pub(super) fn stand(model: &Model) -> Result<Vec<f32>, PolicyError> {
+    let mut q = vec![0.0; model.nq()];
+    q[3] = 1.0;
+    for (joint, q) in model.joints.iter().zip(&mut q[7..]) {
+        *q = 0.0f64.clamp(joint.lower, joint.upper);
+    }
+    for leg in legs(model)? {
+        let zero = model.world_from_links(&q);
+        let origin = |joint: usize| zero[model.joints[joint].link].position;
+        let geom = &model.geoms[leg.foot];
+        let foot = (zero[geom.link] * geom.link_from_geom).position;
+        // The first joint of three moves the leg sideways; the hip is the one that swings it.
+        let hip = origin(leg.joints[usize::from(leg.joints.len() > 2)]);
+        let from_hip: Vec<DVec3> =
+            leg.joints.iter().skip(usize::from(leg.joints.len() > 2)).map(|&j| origin(j)).chain([foot]).collect();
+        let length: f64 = from_hip.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+        let side = if leg.joints.len() > 2 { foot.y } else { hip.y };
+        let target = DVec3::new(hip.x, side, hip.z - STANDING * length);
+        let off = place(model, &leg, (target, length), &mut q);
+        if off > 0.1 * length {
+            let name = &model.joints[leg.joints[0]].name;
+            let expected = format!("a foot of the leg of `{name}` below its hip within the limits");
+            return Err(PolicyError::setting("stand", &expected, format!("{off:.3} m off")));
+        }
+    }
+    Ok(q[7..].iter().map(|&angle| angle as f32).collect())
+}
+
+/// Puts the foot of a leg at a target by its joints: a grid over their ranges, then steps that halve. Returns what is left \[m\].
+fn place(model: &Model, leg: &Leg, (target, length): (DVec3, f64), q: &mut [f64]) -> f64 {
+    let off = |q: &[f64]| {
+        let links = model.world_from_links(q);
+        let geom = &model.geoms[leg.foot];
+        let foot = (links[geom.link] * geom.link_from_geom).position;
+        let knee = links[model.joints[leg.joints[leg.joints.len() - 1]].link].position;
+        (foot.distance(target), knee.x - target.x)
+    };
+    // Being there counts; knees behind hips decide between stands that are as good.
+    let cost = |q: &[f64]| {
+        let (off, ahead) = off(q);
+        (off / length).powi(2) + 1e-3 * ahead / length
+    };
+    let range = |joint: usize| {
+        let joint = &model.joints[joint];
+        [joint.lower.max(-std::f64::consts::PI), joint.upper.min(std::f64::consts::PI)]
+    };
+    let (mut best, mut least) = (q.to_vec(), f64::INFINITY);
+    for k in 0..GRID.pow(leg.joints.len().min(4) as u32) {
+        let mut digits = k;
+        for &joint in leg.joints.iter().take(4) {
+            let [low, high] = range(joint);
+            q[7 + joint] = low + (high - low) * (digits % GRID) as f64 / (GRID - 1) as f64;
+            digits /= GRID;
+        }
+        let found = cost(q);
+        if found < least {
+            (least, best) = (found, q.to_vec());
+        }
+    }
+    let mut step = 0.3;
+    while step > 1e-4 {
+        let before = least;
+        for &joint in &leg.joints {
+            for move_by in [step, -step] {
+                let mut trial = best.clone();
+                let [low, high] = range(joint);
+                trial[7 + joint] = (trial[7 + joint] + move_by).clamp(low, high);
+                let found = cost(&trial);
+                if found < least {
+                    (least, best) = (found, trial);
+                }
+            }
+        }
+        if least >= before {
+            step *= 0.5;
+        }
+    }
+    q.copy_from_slice(&best);
+    off(q).0
+}
+
+/// Position and velocity gains and action scale of a robot whose stand is known, `[joints]` each; `torque` is its torque scale \[N m\].
+pub(super) fn gains(torque: f32, joints: usize) -> [Vec<f32>; 3] {
+    let kp = STIFFNESS * torque;
+    [kp, kp / DAMPING, ACTION_SCALE].map(|value| vec![value; joints])
+}
+
+/// Gives joints rotor inertia, where the model states none.
+pub(super) fn add_armature(model: &mut Model) {
+    let armature = ARMATURE * model.mass();
+    model.joints.iter_mut().filter(|joint| joint.armature == 0.0).for_each(|joint| joint.armature = armature);
+}
+
+/// How a robot stands under its own gains.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StandReport {
+    /// Height of the base after two seconds, as a share of that of the stand.
+    pub height: f32,
+    /// Whether it fell.
+    pub fell: bool,
+    /// Least quotient of a joint's largest torque and what the stand takes; `None` where the model states no limits.
+    pub reserve: Option<f32>,
+}
+
+impl StandReport {
+    /// Lets a robot stand for two seconds.
+    ///
+    /// # Errors
+    /// When the simulator refuses the robot.
+    pub fn of(robot: &TaskRobot) -> Result<Self, PolicyError> {
+        let mut task = VelocityTask::new(robot.clone(), Ground::plane(), TaskSettings::default(), 1)?;
+        task.judged = true;
+        task.restart(0, 0)?;
+        let (mut reward, mut end) = ([0.0], [End::No]);
+        let action = vec![0.0; robot.joints()];
+        let mut fell = false;
+        for _ in 0..100 {
+            task.step(&action, &mut reward, &mut end)?;
+            fell |= end[0] == End::Failed;
+        }
+        let (q, _, torques) = task.motion();
+        let quotient = robot.model.joints.iter().zip(torques).filter(|(joint, _)| joint.effort.is_finite());
+        let reserve = quotient.map(|(joint, torque)| joint.effort as f32 / torque.abs().max(1e-3));
+        Ok(Self { height: q[2] / robot.height, fell, reserve: reserve.reduce(f32::min) })
+    }
+
+    /// # Errors
+    /// Why a robot that stands like this is not trained, and what to change.
+    pub fn check(&self) -> Result<(), PolicyError> {
+        if self.fell || self.height < 0.6 {
+            let expected = "a stand that holds under its gains (raise `kp`, or change `stand`)";
+            let found = format!("a base at {:.0} % of its height after 2 s", 100.0 * self.height);
+            return Err(PolicyError::setting("robot", expected, found));
+        }
+        match self.reserve.filter(|reserve| *reserve < RESERVE) {
+            Some(reserve) => {
+                let expected = format!("torque limits of at least {RESERVE} times what the stand takes (straighten `stand`)");
+                Err(PolicyError::setting("robot", &expected, format!("{reserve:.2} times")))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::velocity::RobotFile;
+
+    #[test]
+    fn a_bare_model_stands_on_four_feet() {
+        for (name, text) in [
+            ("go1", include_str!("../../robots/go1.urdf")),
+            ("a2", include_str!("../../robots/a2.urdf")),
+            ("anymal_c", include_str!("../../robots/anymal_c.urdf")),
+        ] {
+            let robot = RobotFile::bare("x.urdf").robot(text).unwrap();
+            assert_eq!(robot.feet.len(), 4, "{name}");
+            let report = StandReport::of(&robot).unwrap();
+            report.check().unwrap_or_else(|e| panic!("{name}: {e} {report:?}"));
+            robot.mirror().unwrap_or_else(|e| panic!("{name}: {e}"));
+        }
+    }
+
+    #[test]
+    fn weak_gains_and_weak_motors_are_refused() {
+        let file = RobotFile::parse(include_str!("../../robots/go1.toml")).unwrap();
+        let mut robot = file.robot(include_str!("../../robots/go1.urdf")).unwrap();
+        StandReport::of(&robot).unwrap().check().unwrap();
+        robot.model.joints.iter_mut().for_each(|joint| joint.effort = 9.0);
+        let error = StandReport::of(&robot).unwrap().check().unwrap_err().to_string();
+        assert!(error.contains("torque limits"), "{error}");
+        robot.kp.fill(2.0);
+        assert!(StandReport::of(&robot).unwrap().check().unwrap_err().to_string().contains("kp"));
+    }
+}
