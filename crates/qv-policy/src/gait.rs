@@ -309,7 +309,8 @@ impl Check {
     pub fn excess(&self) -> f32 {
         let Some(x) = self.value else { return 2.0 };
         let [low, high] = self.bound;
-        let outside = if x < low { (low - x) / low.abs().max(1e-3) } else { (x - high).max(0.0) / high.abs().max(1e-3) };
+        let outside =
+            if x < low { (low - x) / low.abs().max(1e-3) } else { (x - high).max(0.0) / high.abs().max(1e-3) };
         outside.min(2.0)
     }
 

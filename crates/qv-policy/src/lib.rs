@@ -29,10 +29,10 @@ pub mod compensate;
 pub mod distribution;
 pub mod env;
 mod error;
-pub mod gait;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
+pub mod gait;
 pub mod net;
 pub mod onnx;
 pub mod play;

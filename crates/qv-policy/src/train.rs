@@ -187,7 +187,17 @@ impl Training {
             curriculum: Vec::new(),
             best: None,
         };
-        let mut training = Self { settings: settings.clone(), env, judge, gait_judge, ppo, best: None, epoch: 0, mean: Vec::new(), kept };
+        let mut training = Self {
+            settings: settings.clone(),
+            env,
+            judge,
+            gait_judge,
+            ppo,
+            best: None,
+            epoch: 0,
+            mean: Vec::new(),
+            kept,
+        };
         training.begin_epoch()?;
         Ok(training)
     }

@@ -11,13 +11,15 @@ mod randomise;
 mod readings;
 mod reward;
 mod robot;
+mod scaling;
 mod settings;
+mod sums;
 mod turns;
 mod walker;
 
 pub use ground::Ground;
 pub use mirror::RobotMirror;
-pub use propose::{RESERVE, StandReport};
+pub use propose::{RESERVE, StandReport, known_robot};
 pub use reward::TERMS;
 pub use robot::{PerJoint, RobotFile, TaskRobot};
 pub use settings::{Commands, Ends, Noise, Randomise, Reward, TaskSettings};
@@ -27,13 +29,15 @@ pub use walker::Walker;
 use crate::PolicyError;
 use crate::compensate::Compensator;
 use crate::env::{End, VectorEnv};
-use crate::symmetry::{MirrorMap, Symmetry};
+use crate::symmetry::Symmetry;
 use judge::{Judge, Outcome, touches};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_sim::{Batch, BatchCommand, LineSearch, SimOptions, State};
 use randomise::{Draws, set_known};
 use rayon::prelude::*;
 use readings::Readings;
+use scaling::SCAN;
+use sums::Sums;
 use turns::{heading, turned, turned_back};
 
 /// Parts of an observation with their length; `0` stands for the number of joints. All in SI units, unscaled.
@@ -75,23 +79,6 @@ pub struct VelocityTask {
     /// Targets as they are sent, with what the compensator adds.
     sent: Vec<f32>,
     added: Vec<f32>,
-}
-
-/// Sums since figures were asked for.
-#[derive(Debug, Clone)]
-struct Sums {
-    steps: f64,
-    terms: [f64; TERMS.len()],
-    velocity_error: f64,
-    turning_error: f64,
-    /// Landings, time in the air, highest points.
-    feet: [f64; 3],
-}
-
-impl Sums {
-    fn new() -> Self {
-        Self { steps: 0.0, terms: [0.0; TERMS.len()], velocity_error: 0.0, turning_error: 0.0, feet: [0.0; 3] }
-    }
 }
 
 impl VelocityTask {
@@ -362,28 +349,11 @@ impl VectorEnv for VelocityTask {
     }
 
     fn observation_scaling(&self) -> (Vec<f32>, Vec<f32>) {
-        let joints = self.robot.joints();
-        let mut offset = vec![0.0; 9];
-        // Turning rates of one, speeds of twenty are usual: legged_gym's scales. Commands are larger, so that zero is not nearly zero.
-        let mut scale = vec![0.25, 0.25, 0.25, 1.0, 1.0, 1.0, 4.0, 4.0, 2.0];
-        offset.extend(&self.robot.stand);
-        scale.extend(vec![1.0; joints]);
-        offset.extend(vec![0.0; joints]);
-        scale.extend(vec![0.05; joints]);
-        offset.extend(&self.robot.stand);
-        scale.extend(self.robot.action_scale.iter().map(|s| 1.0 / s));
-        (offset, scale)
+        scaling::observation(&self.robot)
     }
 
     fn privileged_scaling(&self) -> (Vec<f32>, Vec<f32>) {
-        let (mut offset, mut scale) = self.observation_scaling();
-        offset.extend([0.0, 0.0, 0.0, self.robot.height]);
-        scale.extend([2.0, 2.0, 2.0, 5.0]);
-        offset.extend(vec![0.0; 4 * self.robot.feet.len()]);
-        scale.extend([1.0, 2.0, 2.0, 2.0].map(|scale| vec![scale; self.robot.feet.len()]).concat());
-        offset.extend(SCAN.map(|_| 0.0));
-        scale.extend(SCAN.map(|_| 5.0));
-        (offset, scale)
+        scaling::privileged(&self.robot)
     }
 
     fn observe(&mut self, observations: &mut [f32], privileged: &mut [f32]) {
@@ -427,7 +397,9 @@ impl VectorEnv for VelocityTask {
                 rest[4 + k] = f32::from(touches(&read.forces, geoms, env, foot));
             }
             // What the terms of the gait remember.
-            for (list, part) in [&walker.air, &walker.stance, &walker.duty].iter().zip(rest[4 + feet..].chunks_mut(feet)) {
+            for (list, part) in
+                [&walker.air, &walker.stance, &walker.duty].iter().zip(rest[4 + feet..].chunks_mut(feet))
+            {
                 part.copy_from_slice(list);
             }
             let heading = heading([q[3], q[4], q[5], q[6]]);
@@ -497,16 +469,7 @@ impl VectorEnv for VelocityTask {
     }
 
     fn symmetry(&self) -> Option<Symmetry> {
-        let RobotMirror { joints, feet } = self.robot.mirror().ok()?;
-        // Roll, yaw, what is to the left and turning change their signs.
-        let mut observation = MirrorMap::in_place(&[-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0]);
-        (0..3).for_each(|_| observation.append(&joints));
-        let mut privileged = observation.clone();
-        privileged.append(&MirrorMap::in_place(&[1.0, -1.0, 1.0, 1.0]));
-        (0..4).for_each(|_| privileged.append(&MirrorMap::permuted(&feet)));
-        let image = |[ahead, aside]: [f32; 2]| SCAN.iter().position(|p| *p == [ahead, -aside]).unwrap_or(0);
-        privileged.append(&MirrorMap::permuted(&SCAN.map(image)));
-        Some(Symmetry { observation, privileged, action: joints })
+        scaling::symmetry(&self.robot)
     }
 
     fn figures(&mut self) -> Vec<(&'static str, f32)> {
@@ -589,7 +552,9 @@ impl VelocityTask {
     /// An impact is over before the end of a decision: forces are looked at after each physics step.
     fn note_peaks(&mut self) {
         let (geoms, feet) = (self.robot.model.geoms.len(), &self.robot.feet);
-        for (peaks, forces) in self.read.peaks.chunks_exact_mut(feet.len()).zip(self.read.forces.chunks_exact(3 * geoms)) {
+        for (peaks, forces) in
+            self.read.peaks.chunks_exact_mut(feet.len()).zip(self.read.forces.chunks_exact(3 * geoms))
+        {
             for (peak, foot) in peaks.iter_mut().zip(feet) {
                 *peak = peak.max(forces[3 * foot + 2]);
             }
@@ -636,7 +601,3 @@ impl VelocityTask {
         Ok(())
     }
 }
-
-/// Points ahead and aside of the base at which the critic knows the height of the ground \[m\].
-const SCAN: [[f32; 2]; 9] =
-    [[0.4, 0.2], [0.4, 0.0], [0.4, -0.2], [0.2, 0.0], [-0.2, 0.0], [-0.4, 0.2], [-0.4, -0.2], [0.0, 0.2], [0.0, -0.2]];

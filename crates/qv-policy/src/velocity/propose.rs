@@ -24,6 +24,17 @@ const DAMPING: f32 = 40.0;
 const ACTION_SCALE: f32 = 0.25;
 /// Rotor inertia \[kg m²\] for each kilogram of the robot: 0.01 for a Go2.
 const ARMATURE: f64 = 0.01 / 15.2;
+/// The robot file and the URDF of a robot of the list.
+pub fn known_robot(name: &str) -> Option<(&'static str, &'static str)> {
+    match name {
+        "go1" => Some((include_str!("../../robots/go1.toml"), include_str!("../../robots/go1.urdf"))),
+        "a1" => Some((include_str!("../../robots/a1.toml"), include_str!("../../robots/a1.urdf"))),
+        "a2" => Some((include_str!("../../robots/a2.toml"), include_str!("../../robots/a2.urdf"))),
+        "anymal_c" => Some((include_str!("../../robots/anymal_c.toml"), include_str!("../../robots/anymal_c.urdf"))),
+        _ => None,
+    }
+}
+
 /// Values of each joint that the search for a stand begins with.
 const GRID: usize = 9;
 /// Least torque reserve with which a robot is trained.
@@ -209,7 +220,8 @@ impl StandReport {
         }
         match self.reserve.filter(|reserve| *reserve < RESERVE) {
             Some(reserve) => {
-                let expected = format!("torque limits of at least {RESERVE} times what the stand takes (straighten `stand`)");
+                let expected =
+                    format!("torque limits of at least {RESERVE} times what the stand takes (straighten `stand`)");
                 Err(PolicyError::setting("robot", &expected, format!("{reserve:.2} times")))
             }
             None => Ok(()),
@@ -224,11 +236,8 @@ mod tests {
 
     #[test]
     fn a_bare_model_stands_on_four_feet() {
-        for (name, text) in [
-            ("go1", include_str!("../../robots/go1.urdf")),
-            ("a2", include_str!("../../robots/a2.urdf")),
-            ("anymal_c", include_str!("../../robots/anymal_c.urdf")),
-        ] {
+        for name in ["go1", "a1", "a2", "anymal_c"] {
+            let (_, text) = known_robot(name).unwrap();
             let robot = RobotFile::bare("x.urdf").robot(text).unwrap();
             assert_eq!(robot.feet.len(), 4, "{name}");
             let report = StandReport::of(&robot).unwrap();

@@ -146,8 +146,7 @@ pub struct Reward {
     pub power: f32,
     /// Epochs from the first to the last of which `air_time`, `duty_variance`, `still` and `fall` rise from an eighth to the whole.
     pub gait_epochs: [u64; 2],
-    /// Epochs from the first to the last of which the widths of the tracking terms narrow to `velocity_width` and `turning_width`, and their
-    /// weights rise to `velocity` and `turning`.
+    /// Epochs from the first to the last of which the widths of the tracking terms narrow to `velocity_width` and `turning_width`.
     pub narrow_epochs: [u64; 2],
     /// Epochs from the first to the last of which `landing`, `contact_forces` and `power` rise from nothing to the whole: from the start they
     /// keep a robot from walking at all.
@@ -178,8 +177,6 @@ pub struct Reward {
 /// Widths of the tracking terms at the beginning of a training, in those of its end: a robot that stands is rewarded for a little, the gait
 /// is formed before what is exact costs it, and one that walks evenly is rewarded for being exact.
 const WIDE: f32 = 2.5;
-/// Share of the weights of the tracking terms at the beginning of a training: where they outweigh the feet's, some seeds tremble for good.
-const LIGHT: f32 = 0.6;
 /// Share of the terms of the gait that a training begins with: in full they keep a robot that cannot walk from trying.
 const FIRST: f32 = 0.125;
 
@@ -188,11 +185,8 @@ impl Reward {
     pub(crate) fn in_epoch(&self, epoch: u64) -> Self {
         let gait = FIRST + (1.0 - FIRST) * risen(self.gait_epochs, epoch);
         let soft = risen(self.soft_epochs, epoch);
-        let narrowed = self.narrowed(epoch);
-        let (wide, tracking) = (1.0 + (WIDE - 1.0) * (1.0 - narrowed), LIGHT + (1.0 - LIGHT) * narrowed);
+        let wide = 1.0 + (WIDE - 1.0) * (1.0 - self.narrowed(epoch));
         Self {
-            velocity: self.velocity * tracking,
-            turning: self.turning * tracking,
             velocity_width: self.velocity_width * wide,
             turning_width: self.turning_width * wide,
             air_time: self.air_time * gait,
@@ -225,9 +219,9 @@ fn risen([from, to]: [u64; 2], epoch: u64) -> f32 {
 impl Default for Reward {
     fn default() -> Self {
         Self {
-            velocity: 5.0,
+            velocity: 4.0,
             velocity_width: 0.08,
-            turning: 2.5,
+            turning: 2.0,
             turning_width: 0.08,
             bounce: 2.0,
             sway: 0.05,

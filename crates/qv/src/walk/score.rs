@@ -13,8 +13,8 @@ use std::path::PathBuf;
 pub struct ScoreArguments {
     /// policy.onnx of `qv walk train`, with policy.toml beside it
     policy: PathBuf,
-    /// go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
+    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
     robot: String,
     /// Where it walks
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
@@ -140,7 +140,13 @@ mod tests {
     #[test]
     fn a_limp_fails_with_its_figure() {
         let foot = |duty: f32| FootGait { duty, swing: Some(0.3), touchdown: Some(1.0) };
-        let gait = Gait { feet: vec![foot(0.2), foot(0.6)], duty_spread: Some(0.4), mass: 15.0, height: 0.32, ..Gait::default() };
+        let gait = Gait {
+            feet: vec![foot(0.2), foot(0.6)],
+            duty_spread: Some(0.4),
+            mass: 15.0,
+            height: 0.32,
+            ..Gait::default()
+        };
         let text = table(&gait.checks(&["a".into(), "b".into()]));
         assert!(text.contains("FAIL  duty factor of a") && text.contains("pass  duty factor of b"), "{text}");
         assert!(text.ends_with(|c: char| c == ')') && text.contains("no, because"), "{text}");

@@ -12,7 +12,7 @@ use qv_policy::play::play;
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::Score;
 use qv_policy::train::{Checkpoint, Line, TrainSettings, Training};
-use qv_policy::velocity::{Ground, Randomise, TaskRobot, VelocityTask};
+use qv_policy::velocity::{Ground, Randomise, StandReport, TaskRobot, VelocityTask};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -27,8 +27,8 @@ const SAVE_EVERY: Duration = Duration::from_secs(30);
 
 #[derive(clap::Args)]
 pub struct Train {
-    /// go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
+    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
     robot: String,
     /// plane; bumps of 4 cm; levels (slopes up to 15 degrees, stairs up to 10 cm, bumps); or a mesh that `qv mesh` made
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
@@ -107,6 +107,7 @@ impl Train {
             Some(file) => self.around(file, &robot, &ground, settings)?,
             None => settings,
         };
+        check_stand(&robot)?;
         if let Some(reason) = robot.mirror().err().filter(|_| settings.ppo.symmetry_epochs > 0) {
             remark(&format!("mirror images are off: {reason}"));
         }
@@ -232,13 +233,17 @@ impl Train {
         let played = play(&policy, &mut task, &super::play::SHOWN, 12.0, settings.seed)?;
         put("walk.html", super::page::page(&self.title(), &done.lines, Some(&score), &played, &file).as_bytes())?;
         super::recording::write_recording(&self.out.join("replay.mcap"), &played, &urdf_of(&self.robot)?)?;
+        let outcome = if walks(&score, &file) { Outcome::Done } else { Outcome::Partial };
+        if outcome == Outcome::Partial {
+            print_message!("{TO_WALK}");
+        }
         if self.json {
             let line = serde_json::json!({
                 "format": "qv-walk-train/1", "score": score, "iterations": training.ppo().iterations, "seconds": done.seconds,
                 "samples": done.lines.last().map_or(0, |l| l.samples), "checkpoint": training.ppo().iterations, "out": self.out,
             });
             say(&format!("{line}\n"))?;
-            return Ok(Outcome::Done);
+            return Ok(outcome);
         }
         say(&format!(
             "{}\n{}\n{} iterations, {:.2} million samples in {:.0} s; written to {} (checkpoint.bin: iteration {})\n",
@@ -250,7 +255,7 @@ impl Train {
             self.out.display(),
             training.ppo().iterations
         ))?;
-        Ok(Outcome::Done)
+        Ok(outcome)
     }
 
     /// All lines of the training, those before it was taken up again among them.
@@ -373,6 +378,41 @@ impl Train {
         Ok(Outcome::Done)
     }
 }
+
+/// Reports how a robot stands under its gains, and refuses one that does not.
+fn check_stand(robot: &TaskRobot) -> Result<(), Failure> {
+    let report = StandReport::of(robot)?;
+    let reserve = report.reserve.map_or("unknown".into(), |reserve| format!("{reserve:.1}"));
+    let ends = |list: &[f32]| {
+        let [low, high] = [list.iter().copied().fold(f32::MAX, f32::min), list.iter().copied().fold(0.0, f32::max)];
+        if low == high { format!("{low:.3}") } else { format!("{low:.3} to {high:.3}") }
+    };
+    remark(&format!(
+        "{}: base {:.2} m high, kp {} N m/rad, kd {} N m s/rad, action scale {} rad; it stands with a torque reserve of {reserve}",
+        robot.name,
+        robot.height,
+        ends(&robot.kp),
+        ends(&robot.kd),
+        ends(&robot.action_scale)
+    ));
+    Ok(report.check()?)
+}
+
+/// Most share of robots that fall, and most error in speeds that were asked for, of a policy that walks.
+const MOST_FALLS: f32 = 0.1;
+const MOST_ERROR: f32 = 0.6;
+
+/// Whether a score is that of a robot that walks: it follows its commands better than one that stands.
+fn walks(score: &Score, file: &PolicyFile) -> bool {
+    let reach = |[low, high]: [f32; 2]| 0.25 * (high - low).max(low.abs() + high.abs());
+    let asked = reach(file.commands.vx).hypot(reach(file.commands.vy));
+    let moves = asked == 0.0 || score.velocity_error < MOST_ERROR * asked.max(0.1);
+    moves && (score.fell as f32) <= MOST_FALLS * score.robots as f32
+}
+
+/// What to change about a training that did not end in a walk.
+const TO_WALK: &str = "the robot does not walk after this training: try another --seed, more --iterations, a smaller range of commands \
+    (--vx 0,0.5 --vy 0,0 --wz -0.5,0.5), or in a robot file a lower `action_scale`, a stand with straighter legs, other gains";
 
 struct MetricsLog {
     lines: Vec<Line>,

@@ -20,8 +20,7 @@ const LAST: usize = 20;
 pub fn settings() -> TrainSettings {
     let mut settings = TrainSettings { seed: 2, ..Default::default() };
     settings.task.commands = Commands { vx: [0.0, 1.0], vy: [0.0; 2], wz: [-1.0, 1.0], ..Default::default() };
-    settings.task.reward =
-        Reward { pairs: 0.3, action_jerk: 0.0, ..Default::default() };
+    settings.task.reward = Reward { pairs: 0.3, action_jerk: 0.0, ..Default::default() };
     settings
 }
 
