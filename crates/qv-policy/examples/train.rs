@@ -40,4 +40,4 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Those of a default training on the plane.
-const ITERATIONS: u64 = 500;
+const ITERATIONS: u64 = 900;

@@ -50,7 +50,25 @@ impl Default for TrainSettings {
     }
 }
 
+/// Keys of the reward that earlier versions had: the bounds of swings and stances and the terms of landings have taken their place.
+const REMOVED: [&str; 6] = ["air", "air_last", "air_epochs", "air_least", "air_most", "least"];
+
 impl TrainSettings {
+    /// Reads a `settings.toml`; keys that earlier versions had are left out and named.
+    ///
+    /// # Errors
+    /// When the text is no such file; a key that is unknown is named with those that are known.
+    pub fn parse(text: &str) -> Result<(Self, Vec<&'static str>), PolicyError> {
+        let wrong = |e: toml::de::Error| PolicyError::Text { what: "settings".into(), reason: e.to_string() };
+        let mut table: toml::Table = toml::from_str(text).map_err(wrong)?;
+        let task = table.get_mut("task").and_then(toml::Value::as_table_mut);
+        let reward = task.and_then(|task| task.get_mut("reward")).and_then(toml::Value::as_table_mut);
+        let removed = reward.map_or_else(Vec::new, |reward| {
+            REMOVED.into_iter().filter(|key| reward.remove(*key).is_some()).collect::<Vec<_>>()
+        });
+        Ok((table.try_into().map_err(wrong)?, removed))
+    }
+
     /// # Errors
     /// Names the first setting that means nothing.
     pub fn check(&self) -> Result<(), PolicyError> {

@@ -144,6 +144,14 @@ fn settings_that_mean_nothing_are_named() {
 }
 
 #[test]
+fn settings_of_an_earlier_version_are_read_and_unknown_ones_named() {
+    let (settings, removed) = TrainSettings::parse("[task.reward]\nair = 8.0\nleast = -0.2\nstill = 1.5\n").unwrap();
+    assert_eq!((settings.task.reward.still, removed), (1.5, vec!["air", "least"]));
+    let error = TrainSettings::parse("[task.reward]\nstil = 1.5\n").unwrap_err().to_string();
+    assert!(error.contains("stil") && error.contains("still"), "{error}");
+}
+
+#[test]
 fn a_robot_whose_model_is_an_mjcf_takes_its_place() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/mjcf");
     let text = "urdf = \"biped.xml\"\nlegs = [\"a\", \"b\"]\njoints = [\"roll\", \"pitch\", \"knee\"]\n\

@@ -33,7 +33,7 @@ pub struct Train {
     /// plane; bumps of 4 cm; levels (slopes up to 15 degrees, stairs up to 10 cm, bumps); or a mesh that `qv mesh` made
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
     ground: String,
-    /// Iterations; each is 24 steps of all robots. Default: 800 on the plane, 1200 on bumps and meshes or with --robust, 3000 on levels
+    /// Iterations; each is 24 steps of all robots. Default: 900 on the plane, 1200 on bumps and meshes or with --robust, 3000 on levels
     #[arg(long, value_name = "N")]
     iterations: Option<u64>,
     /// Stop after so many seconds, if that comes first
@@ -136,7 +136,12 @@ impl Train {
             Some(path) => {
                 let expected = "settings of a training";
                 let text = fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
-                toml::from_str(&text).map_err(|e| file_error(path, expected, &e.to_string()))?
+                let (settings, removed) =
+                    TrainSettings::parse(&text).map_err(|e| file_error(path, expected, &e.to_string()))?;
+                if !removed.is_empty() {
+                    remark(&format!("{}: ignored keys of an earlier version: {}", path.display(), removed.join(", ")));
+                }
+                settings
             }
         };
         if self.robust {
@@ -173,7 +178,7 @@ impl Train {
     fn iterations(&self) -> u64 {
         self.iterations.unwrap_or(match self.ground.as_str() {
             "levels" => 3000,
-            "plane" if !self.robust => 800,
+            "plane" if !self.robust => 900,
             _ => 1200,
         })
     }

@@ -10,8 +10,8 @@ use qv_policy::train::{TrainSettings, Training};
 use qv_policy::velocity::{Commands, Ground, Reward};
 use serde::{Deserialize, Serialize};
 
-/// Iterations: enough to walk and to turn, in about twelve seconds of one core.
-pub const ITERATIONS: u64 = 160;
+/// Iterations: enough to walk and to turn, in about fifteen seconds of one core.
+pub const ITERATIONS: u64 = 240;
 /// Iterations at the end whose rewards are averaged: one alone depends on who was just commanded to do what.
 const LAST: usize = 20;
 
