@@ -5,6 +5,7 @@ mod around;
 mod example;
 pub mod inputs;
 mod made_up;
+mod others;
 mod page;
 mod paths;
 mod play;

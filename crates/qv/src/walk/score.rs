@@ -7,12 +7,15 @@ use qv_policy::gait::{Check, verdict};
 use qv_policy::policy::OnnxDecision;
 use qv_policy::score::{GAIT_ROBOTS, Score, judge_gait, score};
 use qv_policy::velocity::{TaskSettings, VelocityTask};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct ScoreArguments {
     /// policy.onnx of `qv walk train`, with policy.toml beside it
     policy: PathBuf,
+    /// What a policy of somebody else sees and what its actions mean (docs/walking.md): it is judged by its gait
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["vx", "vy", "wz", "substeps", "robust", "robots"])]
+    description: Option<PathBuf>,
     /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
     #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
     robot: String,
@@ -53,6 +56,9 @@ pub struct ScoreArguments {
 
 impl ScoreArguments {
     pub fn execute(&self) -> Result<Outcome, Failure> {
+        if let Some(description) = &self.description {
+            return self.judge_others(description);
+        }
         let (mut policy, file) = policy_of(&self.policy)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
         let ground = ground_of(&self.ground, self.seed)?;
@@ -92,6 +98,30 @@ impl ScoreArguments {
                 say(&format!("{line}\n"))?
             }
             false => say(&format!("{}\n{}\n", sentence(&found), table(&checks)))?,
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+impl ScoreArguments {
+    fn judge_others(&self, description: &Path) -> Result<Outcome, Failure> {
+        let robot = robot_of(&self.robot)?;
+        let ground = ground_of(&self.ground, self.seed)?;
+        let found = match &self.params {
+            Some(file) => parameters_of(Some(file), &robot.model, &ground.terrain)?,
+            None => Vec::new(),
+        };
+        let gait = super::others::judge([&self.policy, description], &robot, &ground, &found, self.seconds)?;
+        let names: Vec<String> = robot.feet.iter().map(|&g| robot.model.geoms[g].name.clone()).collect();
+        let checks = gait.checks(&names);
+        if self.json {
+            let rows: Vec<serde_json::Value> = checks.iter().map(row).collect();
+            let line = serde_json::json!({
+                "format": "qv-walk-score/2", "gait": gait, "checks": rows, "verdict": verdict(&checks),
+            });
+            say(&format!("{line}\n"))?;
+        } else {
+            say(&format!("{}\n", table(&checks)))?;
         }
         Ok(Outcome::Done)
     }
