@@ -1,11 +1,12 @@
-//! The Go2 learns to follow velocity commands on the plane, and writes its policy, for studies of many seeds:
-//! `cargo run --release -p quadverse-policy --example train -- FOLDER [SEED [ITERATIONS [SETTINGS.toml]]]`. The last line is JSON.
+//! A robot learns to follow velocity commands on the plane, and writes its policy, for studies of many seeds:
+//! `cargo run --release -p quadverse-policy --example train -- FOLDER [SEED [ITERATIONS [SETTINGS.toml [ROBOT]]]]`. The robot is the Go2, one of the
+//! list by its name, or a URDF or MJCF of one file. The last line is JSON.
 
 use cpu_time::ProcessTime;
 use qv_policy::PolicyError;
 use qv_policy::policy::PolicyFile;
 use qv_policy::train::{TrainSettings, Training};
-use qv_policy::velocity::Ground;
+use qv_policy::velocity::{Ground, RobotFile, StandReport, TaskRobot, known_robot};
 use std::error::Error;
 use std::path::Path;
 
@@ -18,7 +19,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     settings.seed = words.get(1).map_or(Ok(settings.seed), |word| word.parse())?;
     let iterations: u64 = words.get(2).map_or(Ok(ITERATIONS), |word| word.parse())?;
-    let robot = qv_go2::walk::robot()?;
+    let robot = match words.get(4) {
+        Some(name) => robot(name)?,
+        None => qv_go2::walk::robot()?,
+    };
+    println!(
+        "{:?} kp {:?} stand {:?} mirror {:?}",
+        StandReport::of(&robot)?,
+        robot.kp,
+        robot.stand,
+        robot.mirror().err()
+    );
+    StandReport::of(&robot)?.check()?;
     let clock = ProcessTime::now();
     let mut training = Training::new(&robot, &Ground::plane(), &settings)?;
     while training.ppo().iterations < iterations {
@@ -37,6 +49,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     std::fs::write(folder.join("policy.toml"), file.to_text()?)?;
     println!("{}", serde_json::json!({ "seed": settings.seed, "cpu_seconds": seconds, "score": score }));
     Ok(())
+}
+
+fn robot(name: &str) -> Result<TaskRobot, Box<dyn Error>> {
+    match known_robot(name) {
+        Some((file, model)) => Ok(RobotFile::parse(file)?.robot(model)?),
+        None => Ok(RobotFile::bare(name).robot(&std::fs::read_to_string(name)?)?),
+    }
 }
 
 /// Those of a default training on the plane.

@@ -68,12 +68,15 @@ impl TaskRobot {
     fn compare(&self, j: usize, k: usize, sign: f32) -> Result<(), String> {
         let (a, b) = (&self.model.joints[j], &self.model.joints[k]);
         let masses = [a, b].map(|joint| self.model.links[joint.link].mass);
-        let limits = if sign > 0.0 { [b.lower, b.upper] } else { [-b.upper, -b.lower] };
+        // Beyond half a turn a limit limits nothing that matters here.
+        let within = |x: f64| x.clamp(-std::f64::consts::PI, std::f64::consts::PI);
+        let own = [a.lower, a.upper].map(within);
+        let limits = if sign > 0.0 { [b.lower, b.upper] } else { [-b.upper, -b.lower] }.map(within);
         let apart = |x: f64, y: f64| (x - y).abs() > SHARE * x.abs().max(y.abs()).max(1e-9);
         let differences = [
             ("stand", (f64::from(self.stand[j]) - f64::from(sign * self.stand[k])).abs() > SHARE),
-            ("lower limit", a.lower.is_finite() && (a.lower - limits[0]).abs() > SHARE),
-            ("upper limit", a.upper.is_finite() && (a.upper - limits[1]).abs() > SHARE),
+            ("lower limit", (own[0] - limits[0]).abs() > SHARE),
+            ("upper limit", (own[1] - limits[1]).abs() > SHARE),
             ("kp", apart(f64::from(self.kp[j]), f64::from(self.kp[k]))),
             ("kd", apart(f64::from(self.kd[j]), f64::from(self.kd[k]))),
             ("action_scale", apart(f64::from(self.action_scale[j]), f64::from(self.action_scale[k]))),

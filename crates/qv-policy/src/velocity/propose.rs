@@ -4,7 +4,7 @@
 //! - a foot is the shape of a leg's last link that is farthest from that link's joint;
 //! - in the stand each foot is below its hip, at [`STANDING`] of the leg's length, the knees behind the hips where limits allow both;
 //! - `kp` is [`STIFFNESS`] times a foot's share of the weight on a lever as long as the robot is high ([`TaskRobot::torque_scale`]), that of
-//!   the Go2's policies; `kd` is a fortieth of it; an action of one moves a target by 0.25 rad (legged_gym);
+//!   the A2; `kd` is a fortieth of it; an action of one moves a target by 0.25 rad (legged_gym);
 //! - rotor inertia, where the model states none, is the Go2's in proportion to the mass.
 
 use super::robot::TaskRobot;
@@ -16,8 +16,8 @@ use qv_sim::Model;
 
 /// Height of the hips over the feet in a stand, in lengths of a stretched leg: 0.73 for the Go2, 0.82 for ANYmal C.
 const STANDING: f64 = 0.75;
-/// `kp` over the torque of the stand \[1/rad\]: 30 N m/rad of the Go2.
-const STIFFNESS: f32 = 2.5;
+/// `kp` over the torque of the stand \[1/rad\]: 136 N m/rad of the A2; with 2.5 Spot tips over slowly.
+const STIFFNESS: f32 = 3.5;
 /// `kp` over `kd` \[1/s\].
 const DAMPING: f32 = 40.0;
 /// Radians for an action of one.

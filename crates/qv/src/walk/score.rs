@@ -179,6 +179,6 @@ mod tests {
         };
         let text = table(&gait.checks(&["a".into(), "b".into()]));
         assert!(text.contains("FAIL  duty factor of a") && text.contains("pass  duty factor of b"), "{text}");
-        assert!(text.ends_with(|c: char| c == ')') && text.contains("no, because"), "{text}");
+        assert!(text.ends_with(')') && text.contains("no, because"), "{text}");
     }
 }
