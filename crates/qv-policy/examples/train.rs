@@ -5,8 +5,9 @@
 use cpu_time::ProcessTime;
 use qv_policy::PolicyError;
 use qv_policy::policy::PolicyFile;
+use qv_policy::stand::StandReport;
 use qv_policy::train::{TrainSettings, Training};
-use qv_policy::velocity::{Ground, RobotFile, StandReport, TaskRobot, known_robot};
+use qv_policy::velocity::{Ground, RobotFile, TaskRobot, known_robot};
 use std::error::Error;
 use std::path::Path;
 

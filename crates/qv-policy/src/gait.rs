@@ -325,13 +325,14 @@ impl Check {
 }
 
 const TROT: &str = "trots of quadrupeds have duty factors from 0.5 on (Hildebrand 1965); 0.65 leaves time to swing";
-const EVEN: &str = "a robot that is its own mirror image has equal legs; a public Go2 policy (DLS Lab) has 0.06";
-const SWINGS: &str = "public Go2 policy (DLS Lab): 0.29 to 0.33 s; scaled with the square root of the height";
+const EVEN: &str =
+    "a robot that is its own mirror image has equal legs; a public policy of a 15 kg robot (DLS Lab) has 0.06";
+const SWINGS: &str = "the same public policy: 0.29 to 0.33 s; scaled with the square root of the height";
 const SYMMETRY: &str = "symmetry index of 10 % (Robinson et al. 1987)";
-const SOFT: &str = "public Go2 policy (DLS Lab): 0.8 to 1.6 body weights";
-const COST: &str = "45 W at 0.5 m/s for a Go2 of 15.2 kg; public policy: 34 W";
-const STILL: &str = "a stand holds itself by friction and gains; 3 W for a Go2";
-const TRACKING: &str = "a robot that is 7 cm off after a second leaves a path of 0.3 m in 4 s";
+const SOFT: &str = "the same public policy: 0.8 to 1.6 body weights";
+const COST: &str = "45 W at 0.5 m/s for 15.2 kg; the same public policy: 34 W";
+const STILL: &str = "a stand holds itself by friction and gains; 3 W for 15 kg";
+const TRACKING: &str = "0.07 m/s is a drift of 0.28 m in 4 s";
 const FALLS: &str = "a robot that falls in simulation falls on the ground";
 const SPARE: &str = "half of the torque is left for a stumble";
 

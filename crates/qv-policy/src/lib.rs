@@ -40,6 +40,7 @@ pub mod policy;
 pub mod ppo;
 pub mod roll;
 pub mod score;
+pub mod stand;
 pub mod symmetry;
 pub mod train;
 pub mod velocity;

@@ -19,7 +19,7 @@ mod walker;
 
 pub use ground::Ground;
 pub use mirror::RobotMirror;
-pub use propose::{RESERVE, StandReport, known_robot};
+pub use propose::known_robot;
 pub use reward::TERMS;
 pub use robot::{PerJoint, RobotFile, TaskRobot};
 pub use settings::{Commands, Ends, Noise, Randomise, Reward, TaskSettings};

@@ -1,16 +1,13 @@
-//! What a robot file leaves out, proposed from the model: feet, stand, gains, action scale and rotor inertia; and whether the stand holds.
+//! What a robot file leaves out, proposed from the model: feet, stand, gains, action scale and rotor inertia.
 //!
 //! The rule, for four legs of two joints or more:
 //! - a foot is the shape of a leg's last link that is farthest from that link's joint;
 //! - in the stand each foot is below its hip, at [`STANDING`] of the leg's length, the knees behind the hips where limits allow both;
-//! - `kp` is [`STIFFNESS`] times a foot's share of the weight on a lever as long as the robot is high ([`TaskRobot::torque_scale`]), that of
+//! - `kp` is [`STIFFNESS`] times a foot's share of the weight on a lever as long as the robot is high ([`super::TaskRobot::torque_scale`]), that of
 //!   the A2; `kd` is a fortieth of it; an action of one moves a target by 0.25 rad (legged_gym);
 //! - rotor inertia, where the model states none, is the Go2's in proportion to the mass.
 
-use super::robot::TaskRobot;
-use super::{Ground, TaskSettings, VelocityTask};
 use crate::PolicyError;
-use crate::env::{End, VectorEnv};
 use glam::DVec3;
 use qv_sim::Model;
 
@@ -37,9 +34,6 @@ pub fn known_robot(name: &str) -> Option<(&'static str, &'static str)> {
 
 /// Values of each joint that the search for a stand begins with.
 const GRID: usize = 9;
-/// Least torque reserve with which a robot is trained.
-pub const RESERVE: f32 = 2.0;
-
 /// One leg, from the base outwards.
 struct Leg {
     joints: Vec<usize>,
@@ -175,86 +169,4 @@ pub(super) fn gains(torque: f32, joints: usize) -> [Vec<f32>; 3] {
 pub(super) fn add_armature(model: &mut Model) {
     let armature = ARMATURE * model.mass();
     model.joints.iter_mut().filter(|joint| joint.armature == 0.0).for_each(|joint| joint.armature = armature);
-}
-
-/// How a robot stands under its own gains.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StandReport {
-    /// Height of the base after two seconds, as a share of that of the stand.
-    pub height: f32,
-    /// Whether it fell.
-    pub fell: bool,
-    /// Least quotient of a joint's largest torque and what the stand takes; `None` where the model states no limits.
-    pub reserve: Option<f32>,
-}
-
-impl StandReport {
-    /// Lets a robot stand for two seconds.
-    ///
-    /// # Errors
-    /// When the simulator refuses the robot.
-    pub fn of(robot: &TaskRobot) -> Result<Self, PolicyError> {
-        let mut task = VelocityTask::new(robot.clone(), Ground::plane(), TaskSettings::default(), 1)?;
-        task.judged = true;
-        task.restart(0, 0)?;
-        let (mut reward, mut end) = ([0.0], [End::No]);
-        let action = vec![0.0; robot.joints()];
-        let mut fell = false;
-        for _ in 0..100 {
-            task.step(&action, &mut reward, &mut end)?;
-            fell |= end[0] == End::Failed;
-        }
-        let (q, _, torques) = task.motion();
-        let quotient = robot.model.joints.iter().zip(torques).filter(|(joint, _)| joint.effort.is_finite());
-        let reserve = quotient.map(|(joint, torque)| joint.effort as f32 / torque.abs().max(1e-3));
-        Ok(Self { height: q[2] / robot.height, fell, reserve: reserve.reduce(f32::min) })
-    }
-
-    /// # Errors
-    /// Why a robot that stands like this is not trained, and what to change.
-    pub fn check(&self) -> Result<(), PolicyError> {
-        if self.fell || self.height < 0.6 {
-            let expected = "a stand that holds under its gains (raise `kp`, or change `stand`)";
-            let found = format!("a base at {:.0} % of its height after 2 s", 100.0 * self.height);
-            return Err(PolicyError::setting("robot", expected, found));
-        }
-        match self.reserve.filter(|reserve| *reserve < RESERVE) {
-            Some(reserve) => {
-                let expected =
-                    format!("torque limits of at least {RESERVE} times what the stand takes (straighten `stand`)");
-                Err(PolicyError::setting("robot", &expected, format!("{reserve:.2} times")))
-            }
-            None => Ok(()),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::velocity::RobotFile;
-
-    #[test]
-    fn a_bare_model_stands_on_four_feet() {
-        for name in ["go1", "a1", "a2", "anymal_c"] {
-            let (_, text) = known_robot(name).unwrap();
-            let robot = RobotFile::bare("x.urdf").robot(text).unwrap();
-            assert_eq!(robot.feet.len(), 4, "{name}");
-            let report = StandReport::of(&robot).unwrap();
-            report.check().unwrap_or_else(|e| panic!("{name}: {e} {report:?}"));
-            robot.mirror().unwrap_or_else(|e| panic!("{name}: {e}"));
-        }
-    }
-
-    #[test]
-    fn weak_gains_and_weak_motors_are_refused() {
-        let file = RobotFile::parse(include_str!("../../robots/go1.toml")).unwrap();
-        let mut robot = file.robot(include_str!("../../robots/go1.urdf")).unwrap();
-        StandReport::of(&robot).unwrap().check().unwrap();
-        robot.model.joints.iter_mut().for_each(|joint| joint.effort = 9.0);
-        let error = StandReport::of(&robot).unwrap().check().unwrap_err().to_string();
-        assert!(error.contains("torque limits"), "{error}");
-        robot.kp.fill(2.0);
-        assert!(StandReport::of(&robot).unwrap().check().unwrap_err().to_string().contains("kp"));
-    }
 }

@@ -37,7 +37,7 @@ pub struct TaskRobot {
     pub height: f32,
 }
 
-/// The TOML that describes a robot beside its URDF. What it leaves out is proposed from the model, see [`super::StandReport`]. Joints are in the order of the URDF, depth first.
+/// The TOML that describes a robot beside its URDF. What it leaves out is proposed from the model, see `propose.rs` and [`crate::stand`]. Joints are in the order of the URDF, depth first.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotFile {
