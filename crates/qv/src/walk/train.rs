@@ -406,7 +406,7 @@ fn check_stand(robot: &TaskRobot) -> Result<(), Failure> {
 }
 
 /// Iterations below which a training is a trial of the command, of which nobody expects a walk.
-const TRIAL: u64 = 300;
+const TRIAL: u64 = 400;
 /// Most share of robots that fall, and most error in speeds that were asked for, of a policy that walks.
 const MOST_FALLS: f32 = 0.1;
 const MOST_ERROR: f32 = 0.6;

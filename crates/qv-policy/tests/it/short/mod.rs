@@ -15,7 +15,7 @@ pub const ITERATIONS: u64 = 240;
 /// Iterations at the end whose rewards are averaged: one alone depends on who was just commanded to do what.
 const LAST: usize = 20;
 
-/// The Go2 on the plane, forwards and turning. The weights of five terms are fixed here: a golden should not change with
+/// The Go2 on the plane, forwards and turning. The weights of two terms are fixed here: a golden should not change with
 /// every taste of gait.
 pub fn settings() -> TrainSettings {
     let mut settings = TrainSettings { seed: 2, ..Default::default() };
