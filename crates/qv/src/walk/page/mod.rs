@@ -65,8 +65,7 @@ fn said(verdict: &words::Verdict) -> String {
 
 /// Each figure of the gait against its bound.
 fn gait_table(checks: &[Check], gait: &Gait) -> String {
-    let mut table = Table::default();
-    table.row(&["figure", "value", "bound", "verdict", "source"].map(String::from));
+    let mut table = Table::with_left(&["figure", "value", "bound", "verdict", "source"], &[3, 4]);
     for check in checks {
         let verdict = if check.passes() { "pass" } else { "fail" };
         let value = format!("{} {}", number(check.value, 2), check.unit);
@@ -75,11 +74,12 @@ fn gait_table(checks: &[Check], gait: &Gait) -> String {
         table.row(&cells);
     }
     let power = number(gait.power, 1);
-    card(&format!(
-        "<h2>Gait against bounds</h2>{}<p class=\"soft small\">Without noise, from rest; the first second after a change of command does not \
+    let card = card(&format!(
+        "{}<p class=\"soft small\">Without noise, from rest; the first second after a change of command does not \
          count. Touchdown: peak force within 0.1 s of a landing, looked for at each physics step. Mechanical power as it walks: {power} W.</p>",
-        table.to_html_as("facts")
-    ))
+        table.to_html()
+    ));
+    format!("<h2>Gait against bounds</h2>{card}")
 }
 
 fn view(played: &WalkTrace) -> String {
