@@ -8,6 +8,7 @@ use cpu_time::{ProcessTime, ThreadTime};
 use qv_policy::PolicyError;
 use qv_policy::env::{End, VectorEnv};
 use qv_policy::ppo::{Ppo, PpoSettings};
+use qv_policy::symmetry::Symmetry;
 use qv_policy::train::{TrainSettings, Training};
 use qv_policy::velocity::{Commands, Ground, Randomise, TaskSettings, VelocityTask};
 use serde_json::{Value, json};
@@ -172,6 +173,9 @@ impl VectorEnv for TimedTask {
     }
     fn restart(&mut self, seed: u64, epoch: u64) -> Result<(), PolicyError> {
         self.timed(|task| task.restart(seed, epoch))
+    }
+    fn symmetry(&self) -> Option<Symmetry> {
+        self.task.symmetry()
     }
     fn figures(&mut self) -> Vec<(&'static str, f32)> {
         self.task.figures()

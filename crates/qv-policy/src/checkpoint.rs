@@ -6,7 +6,7 @@ use crate::train::{Checkpoint, TrainSettings};
 use serde::{Deserialize, Serialize};
 
 /// First bytes of the file, with its version.
-const MAGIC: &str = "quadverse walk checkpoint 2";
+const MAGIC: &str = "quadverse walk checkpoint 3";
 
 #[derive(Serialize, Deserialize)]
 struct Header {
@@ -51,10 +51,11 @@ impl Checkpoint {
     /// When the bytes are no such file, are cut off, or hold a number that is not finite.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, PolicyError> {
         let end = bytes.iter().position(|&b| b == b'\n').ok_or_else(|| bad("no line of JSON at its beginning"))?;
-        let header: Header = serde_json::from_slice(&bytes[..end]).map_err(|e| bad(&e.to_string()))?;
-        if header.magic != MAGIC {
-            return Err(bad(&format!("expected `{MAGIC}`, found `{}`", header.magic)));
+        let value: serde_json::Value = serde_json::from_slice(&bytes[..end]).map_err(|e| bad(&e.to_string()))?;
+        if let Some(magic) = value["magic"].as_str().filter(|magic| *magic != MAGIC) {
+            return Err(bad(&format!("expected `{MAGIC}`, found `{magic}`; train again with this version")));
         }
+        let header: Header = serde_json::from_value(value).map_err(|e| bad(&e.to_string()))?;
         let body = &bytes[end + 1..];
         let wanted =
             header.lengths.iter().try_fold(0usize, |sum, &n| sum.checked_add(n)).and_then(|n| n.checked_mul(4));

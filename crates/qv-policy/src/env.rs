@@ -1,6 +1,7 @@
 //! What a learner asks of a task: many environments at once, flat arrays, no allocation.
 
 use crate::PolicyError;
+use crate::symmetry::Symmetry;
 
 /// How a step ended for one environment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -46,6 +47,10 @@ pub trait VectorEnv {
     /// # Errors
     /// When the simulator refuses the new state.
     fn restart(&mut self, seed: u64, epoch: u64) -> Result<(), PolicyError>;
+    /// Mirror images of the unscaled numbers, where the robot is its own mirror image; offsets of the scaling are, too.
+    fn symmetry(&self) -> Option<Symmetry> {
+        None
+    }
     /// What is worth watching since the last call, by name: means over environments and steps.
     fn figures(&mut self) -> Vec<(&'static str, f32)>;
     /// Numbers of the curriculum, which a checkpoint keeps.

@@ -31,6 +31,7 @@ mod error;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
+pub mod gait;
 pub mod net;
 pub mod onnx;
 pub mod play;
@@ -39,6 +40,8 @@ pub mod ppo;
 pub mod roll;
 pub mod score;
 pub mod shape_torques;
+pub mod stand;
+pub mod symmetry;
 pub mod train;
 pub mod velocity;
 

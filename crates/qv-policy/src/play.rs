@@ -2,6 +2,7 @@
 
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
+use crate::gait::{Gait, GaitMeter, GaitSample, GaitScale};
 use crate::score::Decide;
 use crate::velocity::{Ground, VelocityTask};
 use serde::Serialize;
@@ -27,6 +28,8 @@ pub struct WalkTrace {
     pub efforts: Vec<Option<f32>>,
     /// Mass of the robot \[kg\].
     pub mass: f32,
+    /// Height of the base in the stand \[m\].
+    pub height: f32,
     /// Commands: forwards, to the left \[m/s\], turning \[rad/s\].
     pub commands: Vec<[f32; 3]>,
     /// Base position \[m\] and quaternion w, x, y, z, then joint angles \[rad\].
@@ -43,6 +46,8 @@ pub struct WalkTrace {
     pub targets: Vec<Vec<f32>>,
     /// Force of the ground on each foot, upwards \[N\].
     pub foot_forces: Vec<Vec<f32>>,
+    /// Greatest such force of the physics steps of the decision \[N\].
+    pub foot_peaks: Vec<Vec<f32>>,
     /// Position of each foot's centre in the world \[m\].
     pub foot_positions: Vec<Vec<[f32; 3]>>,
     /// Height of each foot's lowest point over the ground under it \[m\].
@@ -66,6 +71,30 @@ pub struct Patch {
     pub size: [usize; 2],
     /// Heights \[m\], `[size y][size x]`; `None` where there is no ground.
     pub heights: Vec<Option<f32>>,
+}
+
+impl WalkTrace {
+    /// How it walks and stands, over all of its commands.
+    pub fn gait(&self) -> Gait {
+        let efforts = self.efforts.clone();
+        let scale = GaitScale { dt: 1.0 / self.rate.max(1e-3), mass: self.mass, height: self.height, efforts };
+        let mut meter = GaitMeter::new(&scale, self.feet.len());
+        for k in 0..self.commands.len() {
+            let touching: Vec<bool> = self.foot_forces[k].iter().map(|force| *force > 0.0).collect();
+            meter.add(&GaitSample {
+                command: self.commands[k],
+                velocity: [self.velocity[k][0], self.velocity[k][1], self.turning[k][2]],
+                peaks: &self.foot_peaks[k],
+                touching: &touching,
+                torques: &self.torques[k],
+                speeds: &self.dq[k],
+            });
+        }
+        if self.fell.is_some() {
+            meter.note_fall();
+        }
+        meter.gait()
+    }
 }
 
 /// Runs the first robot of `task` under commands that begin at given times \[s\], until `seconds` or a fall.
@@ -96,6 +125,7 @@ pub fn play(
         foot_radii: robot.feet.iter().map(|&g| robot.foot_radius(g)).collect(),
         efforts: robot.model.joints.iter().map(|j| Some(j.effort as f32).filter(|x| x.is_finite())).collect(),
         mass: robot.model.mass() as f32,
+        height: robot.height,
         ..Default::default()
     };
     let (mut observations, mut privileged) =
@@ -123,6 +153,7 @@ pub fn play(
         out.torques.push(torques[..joints].to_vec());
         out.targets.push(task.targets()[..joints].to_vec());
         out.foot_forces.push(robot.feet.iter().map(|&g| forces[3 * g + 2]).collect());
+        out.foot_peaks.push(task.peaks()[..robot.feet.len()].to_vec());
         let feet: Vec<[f32; 3]> = feet[..3 * robot.feet.len()].chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
         let under = |p: &[f32; 3]| task.ground().height(p[0], p[1], p[2]).unwrap_or(task.walkers()[0].ground);
         out.foot_heights.push(feet.iter().zip(&out.foot_radii).map(|(p, radius)| p[2] - radius - under(p)).collect());

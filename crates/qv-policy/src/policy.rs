@@ -113,6 +113,13 @@ impl Decide for OnnxDecision<'_> {
     }
 }
 
+#[cfg(feature = "onnx")]
+impl Decide for &mut OnnxDecision<'_> {
+    fn decide(&mut self, rows: usize, observations: &[f32], actions: &mut [f32]) -> Result<(), PolicyError> {
+        (**self).decide(rows, observations, actions)
+    }
+}
+
 /// `policy.toml`: what runs a `policy.onnx` on a robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PolicyFile {

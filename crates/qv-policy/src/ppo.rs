@@ -1,4 +1,4 @@
-//! Proximal policy optimisation (Schulman et al. 2017) with an asymmetric critic: all of it, in one file.
+//! Proximal policy optimisation (Schulman et al. 2017) with an asymmetric critic: all of it, in one file, but its numbers.
 //!
 //! One iteration: roll the policy out for some steps, estimate advantages (Schulman et al. 2015, GAE), then several epochs of minibatches
 //! on the clipped objective (eq. 7 of the first paper). The learning rate follows the divergence of the policy (Schulman et al. 2017,
@@ -6,107 +6,19 @@
 //!
 //! Minibatches are cut into a fixed number of shards whose gradients are summed in order: the bits do not depend on threads.
 
+mod settings;
+
+pub use settings::PpoSettings;
+
 use crate::PolicyError;
 use crate::adam::Adam;
 use crate::distribution::Spread;
 use crate::env::{End, VectorEnv};
 use crate::net::{Mlp, Tape, TransposedWeights, padded};
+use crate::symmetry::{MirrorMap, Symmetry};
 use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-
-/// Hyper-parameters. Where no source is named, the value is the one that rsl_rl's configurations of quadrupeds share.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PpoSettings {
-    /// Steps of each environment in an iteration.
-    pub steps: usize,
-    /// Passes over the samples of an iteration.
-    pub epochs: usize,
-    /// Minibatches of a pass.
-    pub minibatches: usize,
-    /// How far the ratio of probabilities may leave one before the objective is flat.
-    pub clip: f32,
-    /// Discount per step.
-    pub gamma: f32,
-    /// Share of a longer look ahead in the advantage (GAE's lambda).
-    pub lambda: f32,
-    /// Weight of the entropy.
-    pub entropy: f32,
-    /// Weight of the value's squared error.
-    pub value: f32,
-    /// Learning rate at the start.
-    pub rate: f32,
-    /// Least and greatest learning rate.
-    pub rate_range: [f32; 2],
-    /// Divergence per update that the learning rate is steered to; 0 keeps the rate.
-    pub divergence: f32,
-    /// Longest gradient.
-    pub gradient: f32,
-    /// Standard deviation of the actions at the start.
-    pub std: f32,
-    /// Least standard deviation: exploration that never ends.
-    pub least_std: f32,
-    /// Sizes of the hidden layers of the actor.
-    pub actor: Vec<usize>,
-    /// Sizes of the hidden layers of the critic.
-    pub critic: Vec<usize>,
-}
-
-impl Default for PpoSettings {
-    fn default() -> Self {
-        Self {
-            steps: 24,
-            epochs: 4,
-            minibatches: 4,
-            clip: 0.2,
-            gamma: 0.99,
-            lambda: 0.95,
-            entropy: 0.005,
-            value: 1.0,
-            rate: 1e-3,
-            rate_range: [1e-5, 1e-2],
-            divergence: 0.01,
-            gradient: 1.0,
-            std: 1.0,
-            least_std: 0.05,
-            actor: vec![64, 64],
-            critic: vec![64, 64],
-        }
-    }
-}
-
-impl PpoSettings {
-    /// # Errors
-    /// Names the first setting that means nothing.
-    pub fn check(&self) -> Result<(), PolicyError> {
-        let counts = [("steps", self.steps), ("epochs", self.epochs), ("minibatches", self.minibatches)];
-        for (what, count) in counts {
-            if count == 0 {
-                return Err(PolicyError::setting(what, "at least 1", count));
-            }
-        }
-        let within = |what: &str, x: f32, low: f32, high: f32| {
-            let expected = format!("{low} to {high}");
-            if x >= low && x <= high { Ok(()) } else { Err(PolicyError::setting(what, &expected, x)) }
-        };
-        within("clip", self.clip, 0.01, 1.0)?;
-        within("gamma", self.gamma, 0.0, 0.9999)?;
-        within("lambda", self.lambda, 0.0, 1.0)?;
-        within("entropy", self.entropy, 0.0, 1.0)?;
-        within("value", self.value, 0.0, 100.0)?;
-        within("rate", self.rate, 1e-8, 1.0)?;
-        within("rate_range", self.rate_range[0], 1e-8, self.rate_range[1])?;
-        within("divergence", self.divergence, 0.0, 10.0)?;
-        within("gradient", self.gradient, 1e-6, 1e6)?;
-        within("std", self.std, 1e-3, 10.0)?;
-        within("least_std", self.least_std, 1e-4, self.std)?;
-        match self.actor.iter().chain(&self.critic).find(|&&size| size == 0 || size > 4096) {
-            Some(size) => Err(PolicyError::setting("size of a layer", "1 to 4096", size)),
-            None => Ok(()),
-        }
-    }
-}
+use serde::Serialize;
 
 /// Rows that pass through a network together, so that their numbers stay in the cache.
 const ROWS: usize = 192;
@@ -162,6 +74,9 @@ struct Shard {
     tapes: [Tape; 2],
     rows: [Vec<f32>; 2],
     of_output: [Vec<f32>; 2],
+    actions: Vec<f32>,
+    /// A row whose image is being made.
+    row: Vec<f32>,
     /// Sums of surrogate, value error, divergence.
     sums: [f64; 3],
 }
@@ -179,10 +94,15 @@ pub struct Ppo {
     pub adam: Adam,
     /// Learning rate in force.
     pub rate: f32,
+    /// Share of the entropy's weight that is in force.
+    pub entropy_share: f32,
     /// Iterations done.
     pub iterations: u64,
     actions: usize,
     scaling: [(Vec<f32>, Vec<f32>); 2],
+    symmetry: Option<Symmetry>,
+    /// Whether updates read mirror images, where the environment has them.
+    pub mirrors: bool,
     samples: Samples,
     turned: [TransposedWeights; 2],
     shards: Vec<Shard>,
@@ -214,6 +134,8 @@ impl Ppo {
             tapes: [actor.tape(ROWS), critic.tape(ROWS)],
             rows: [vec![0.0; ROWS * padded(env.observations())], vec![0.0; ROWS * padded(env.privileged())]],
             of_output: [vec![0.0; ROWS * padded(env.actions())], vec![0.0; ROWS * padded(1)]],
+            actions: vec![0.0; ROWS * padded(env.actions())],
+            row: vec![0.0; padded(env.observations()).max(padded(env.privileged())).max(padded(env.actions()))],
             sums: [0.0; 3],
         };
         let count = env.count();
@@ -221,9 +143,12 @@ impl Ppo {
             settings: settings.clone(),
             adam: Adam::new(parameters.len()),
             rate: settings.rate,
+            entropy_share: 1.0,
             iterations: 0,
             actions: env.actions(),
             scaling: [env.observation_scaling(), env.privileged_scaling()],
+            symmetry: env.symmetry(),
+            mirrors: true,
             samples: Samples::default(),
             turned: [actor.turned(), critic.turned()],
             shards: vec![shard; SHARDS],
@@ -501,40 +426,61 @@ impl Ppo {
             first.sums.iter_mut().zip(shard.sums).for_each(|(sum, x)| *sum += x);
         }
         let at = self.actor.len() + self.critic.len();
-        first.gradient[at..].iter_mut().for_each(|g| *g -= self.settings.entropy);
+        let entropy = self.settings.entropy * self.entropy_share;
+        first.gradient[at..].iter_mut().for_each(|g| *g -= entropy);
         let means = first.sums.map(|sum| (sum / batch.len() as f64) as f32);
         self.shards = shards;
         means
     }
 
-    /// Adds the gradient of some samples to a shard.
+    /// How samples are mirrored, where they are.
+    fn mirror(&self) -> Option<&Symmetry> {
+        self.symmetry.as_ref().filter(|_| self.mirrors)
+    }
+
+    /// Adds the gradient of some samples, and of their mirror images, to a shard.
     fn rows(&self, chosen: &[u32], batch: usize, (spread, old): (&Spread, &Spread), shard: &mut Shard) {
         let samples = &self.samples;
+        gather(&samples.observations, chosen, padded(self.actor.inputs()), &mut shard.rows[0]);
+        gather(&samples.privileged, chosen, padded(self.critic.inputs()), &mut shard.rows[1]);
+        gather(&samples.actions, chosen, padded(self.actions), &mut shard.actions);
+        let images = if self.mirror().is_some() { 2 } else { 1 };
+        let each = 1.0 / (images * batch) as f32;
+        self.actor_rows(chosen, each, (spread, Some(old)), shard);
+        self.critic_rows(chosen, each, shard);
+        let Some(symmetry) = self.mirror() else { return };
+        let [rows, privileged] = &mut shard.rows;
+        mirror_rows(&symmetry.observation, padded(self.actor.inputs()), chosen.len(), rows, &mut shard.row);
+        mirror_rows(&symmetry.privileged, padded(self.critic.inputs()), chosen.len(), privileged, &mut shard.row);
+        mirror_rows(&symmetry.action, padded(self.actions), chosen.len(), &mut shard.actions, &mut shard.row);
+        self.actor_rows(chosen, each, (spread, None), shard);
+        self.critic_rows(chosen, each, shard);
+    }
+
+    /// The clipped objective of rows. Old densities and advantages are those of the samples, for their images, too; the divergence from the
+    /// old policy is measured where that is given.
+    fn actor_rows(&self, chosen: &[u32], each: f32, (spread, old): (&Spread, Option<&Spread>), shard: &mut Shard) {
+        let samples = &self.samples;
         let (actions, acts) = (self.actions, padded(self.actions));
-        let gather = |from: &[f32], width: usize, to: &mut [f32]| {
-            for (row, &sample) in to.chunks_exact_mut(width).zip(chosen) {
-                row.copy_from_slice(&from[sample as usize * width..][..width]);
-            }
-        };
-        gather(&samples.observations, padded(self.actor.inputs()), &mut shard.rows[0]);
-        gather(&samples.privileged, padded(self.critic.inputs()), &mut shard.rows[1]);
-        let (actor, critic) = self.parameters.split_at(self.actor.len());
-        let each = 1.0 / batch as f32;
-        let [of_means, of_values] = &mut shard.of_output;
-        let (networks_gradient, of_log_std) = shard.gradient.split_at_mut(self.actor.len() + self.critic.len());
+        let (of_means, networks) = (&mut shard.of_output[0], self.actor.len() + self.critic.len());
+        let (networks_gradient, of_log_std) = shard.gradient.split_at_mut(networks);
+        let actor = &self.parameters[..self.actor.len()];
+        let share = if self.mirror().is_some() { 0.5 } else { 1.0 };
         let means = self.actor.forward(actor, chosen.len(), &shard.rows[0], &mut shard.tapes[0]);
         for (i, &sample) in chosen.iter().enumerate() {
             let sample = sample as usize;
-            let (mean, action) = (&means[i * acts..][..actions], &samples.actions[sample * acts..][..actions]);
+            let (mean, action) = (&means[i * acts..][..actions], &shard.actions[i * acts..][..actions]);
             let density = spread.log_density(action, mean);
             let (ratio, advantage) = ((density - samples.densities[sample]).exp(), samples.advantages[sample]);
             let limited = ratio.clamp(1.0 - self.settings.clip, 1.0 + self.settings.clip);
             let (free, held) = (ratio * advantage, limited * advantage);
             // The lesser of the two; where that is the limited one, no gradient flows.
             let slope = if free <= held { -free * each } else { 0.0 };
-            let old_mean = &samples.means[sample * acts..][..actions];
-            shard.sums[0] -= f64::from(free.min(held));
-            shard.sums[2] += f64::from(spread.divergence(mean, old, old_mean));
+            shard.sums[0] -= share * f64::from(free.min(held));
+            if let Some(old) = old {
+                let old_mean = &samples.means[sample * acts..][..actions];
+                shard.sums[2] += f64::from(spread.divergence(mean, old, old_mean));
+            }
             let of_mean = &mut of_means[i * acts..][..actions];
             for k in 0..actions {
                 let z = (action[k] - mean[k]) * spread.inverse[k];
@@ -542,16 +488,38 @@ impl Ppo {
                 of_log_std[k] += slope * (z * z - 1.0);
             }
         }
+        let of_actor = &mut networks_gradient[..self.actor.len()];
+        self.actor.backward(&self.turned[0], chosen.len(), &shard.rows[0], of_means, &mut shard.tapes[0], of_actor);
+    }
+
+    /// The squared error of the value of rows, which the samples' returns are the targets of.
+    fn critic_rows(&self, chosen: &[u32], each: f32, shard: &mut Shard) {
+        let of_values = &mut shard.of_output[1];
+        let critic = &self.parameters[self.actor.len()..];
         let values = self.critic.forward(critic, chosen.len(), &shard.rows[1], &mut shard.tapes[1]);
+        let share = if self.mirror().is_some() { 0.5 } else { 1.0 };
         for (i, &sample) in chosen.iter().enumerate() {
-            let error = values[i * padded(1)] - samples.returns[sample as usize];
-            shard.sums[1] += f64::from(error * error);
+            let error = values[i * padded(1)] - self.samples.returns[sample as usize];
+            shard.sums[1] += share * f64::from(error * error);
             of_values[i * padded(1)] = 2.0 * self.settings.value * error * each;
         }
-        let (of_actor, of_critic) = networks_gradient.split_at_mut(self.actor.len());
-        let [tape, other] = &mut shard.tapes;
-        self.actor.backward(&self.turned[0], chosen.len(), &shard.rows[0], of_means, tape, of_actor);
-        self.critic.backward(&self.turned[1], chosen.len(), &shard.rows[1], of_values, other, of_critic);
+        let of_critic = &mut shard.gradient[self.actor.len()..self.actor.len() + self.critic.len()];
+        self.critic.backward(&self.turned[1], chosen.len(), &shard.rows[1], of_values, &mut shard.tapes[1], of_critic);
+    }
+}
+
+/// The rows of chosen samples, one after another.
+fn gather(from: &[f32], chosen: &[u32], width: usize, to: &mut [f32]) {
+    for (row, &sample) in to.chunks_exact_mut(width).zip(chosen) {
+        row.copy_from_slice(&from[sample as usize * width..][..width]);
+    }
+}
+
+/// Puts the mirror images of rows in their places.
+fn mirror_rows(map: &MirrorMap, width: usize, count: usize, rows: &mut [f32], scratch: &mut [f32]) {
+    for row in rows.chunks_exact_mut(width).take(count) {
+        scratch[..width].copy_from_slice(row);
+        map.apply(scratch, row);
     }
 }
 

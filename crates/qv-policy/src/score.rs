@@ -2,6 +2,7 @@
 
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
+use crate::gait::{Gait, GaitMeter, GaitSample, GaitScale};
 use crate::velocity::{Commands, VelocityTask, in_heading};
 use qv_core::random::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
@@ -26,12 +27,23 @@ pub struct Score {
     pub swing_time: f32,
     /// Mean highest point of a swing \[m\].
     pub swing_height: f32,
+    /// How it walks ahead and stands, see [`judge_gait`]; `None` where nobody looked.
+    #[serde(default)]
+    pub gait: Option<Gait>,
 }
 
+/// What figures of the gait that are outside of their bounds by all of it cost, in m/s of error.
+const GAIT_COST: f32 = 0.1;
+/// Cost of a gait that nobody looked at: more than of any that was.
+const UNKNOWN_GAIT: f32 = 20.0;
+
 impl Score {
-    /// One number to compare policies by, less is better: errors in m/s and rad/s, and one for each robot in a hundred that fell.
+    /// One number to compare policies by, less is better: errors in m/s and rad/s, a tenth of [`Gait::cost`], and one for each robot in a
+    /// hundred that fell.
     pub fn cost(&self) -> f32 {
-        self.velocity_error + self.turning_error + 100.0 * self.fell as f32 / self.robots.max(1) as f32
+        let gait = self.gait.as_ref().map_or(UNKNOWN_GAIT, Gait::cost);
+        let errors = self.velocity_error + self.turning_error;
+        errors + GAIT_COST * gait + 100.0 * self.fell as f32 / self.robots.max(1) as f32
     }
 }
 
@@ -122,7 +134,124 @@ pub fn score(
         turning_error_se,
         swing_time,
         swing_height,
+        gait: None,
     })
+}
+
+/// Robots that [`judge_gait`] wants.
+pub const GAIT_ROBOTS: usize = 16;
+
+/// What robots are commanded to do in the first and in the second half of the time, from rest: six ahead at 0.4 to 0.6 m/s, two of which stop;
+/// two that stand; the others along one axis or turning as they go.
+fn programme(commands: &Commands) -> [[[f32; 3]; 2]; GAIT_ROBOTS] {
+    let [ahead, still] = [0.5, 0.0].map(|vx| [vx, 0.0, 0.0]);
+    let half = |[low, high]: [f32; 2], share: f32| if share > 0.0 { share * high } else { -share * low };
+    let mut out = [[still; 2]; GAIT_ROBOTS];
+    let paths = [
+        [[0.4, 0.0, 0.0]; 2],
+        [ahead; 2],
+        [[0.6, 0.0, 0.0]; 2],
+        [ahead; 2],
+        [ahead, still],
+        [[0.6, 0.0, 0.0], still],
+        [still, ahead],
+        [still; 2],
+        [[half(commands.vx, 0.8), 0.0, 0.0]; 2],
+        [[half(commands.vx, -0.8), 0.0, 0.0]; 2],
+        [[0.0, half(commands.vy, 0.8), 0.0]; 2],
+        [[0.0, half(commands.vy, -0.8), 0.0]; 2],
+        [[0.0, 0.0, half(commands.wz, 0.8)]; 2],
+        [[0.0, 0.0, half(commands.wz, -0.8)], still],
+        [[half(commands.vx, 0.5), 0.0, half(commands.wz, 0.5)]; 2],
+        [[half(commands.vx, 0.5), 0.0, half(commands.wz, -0.5)]; 2],
+    ];
+    let within = |x: f32, [low, high]: [f32; 2]| x.clamp(low.min(0.0), high.max(0.0));
+    for (out, path) in out.iter_mut().zip(paths) {
+        *out = path.map(|[vx, vy, wz]| [within(vx, commands.vx), within(vy, commands.vy), within(wz, commands.wz)]);
+    }
+    out
+}
+
+/// How a policy walks ahead and stands: [`GAIT_ROBOTS`] robots from rest under commands of one axis within `commands`, for `seconds`. Feet,
+/// power and reserve are those of robots that go ahead at about 0.5 m/s; errors and falls are those of all.
+///
+/// # Errors
+/// When the task has fewer robots, or a number is not finite.
+pub fn judge_gait(
+    mut policy: impl Decide,
+    task: &mut VelocityTask,
+    commands: &Commands,
+    seconds: f32,
+    seed: u64,
+) -> Result<Gait, PolicyError> {
+    let (count, joints) = (task.count(), task.actions());
+    if count < GAIT_ROBOTS {
+        return Err(PolicyError::setting("robots of a judgement of gait", &format!("at least {GAIT_ROBOTS}"), count));
+    }
+    task.judged = true;
+    task.restart(seed, 0)?;
+    let scale = gait_scale(task);
+    let mut meters = vec![GaitMeter::new(&scale, task.robot().feet.len()); GAIT_ROBOTS];
+    let steps = (seconds * task.settings().rate) as usize;
+    let (mut observations, mut privileged) =
+        (vec![0.0; count * task.observations()], vec![0.0; count * task.privileged()]);
+    let (mut actions, mut rewards, mut ends) = (vec![0.0; count * joints], vec![0.0; count], vec![End::No; count]);
+    let mut fallen = [false; GAIT_ROBOTS];
+    let programme = programme(commands);
+    for step in 0..steps {
+        for (env, path) in programme.iter().enumerate() {
+            task.command(env, path[usize::from(2 * step >= steps)]);
+        }
+        task.observe(&mut observations, &mut privileged);
+        policy.decide(count, &observations, &mut actions)?;
+        (0..GAIT_ROBOTS).filter(|&e| fallen[e]).for_each(|env| actions[env * joints..][..joints].fill(0.0));
+        task.step(&actions, &mut rewards, &mut ends)?;
+        for (env, meter) in meters.iter_mut().enumerate() {
+            if fallen[env] {
+                continue;
+            }
+            fallen[env] = ends[env] == End::Failed;
+            if fallen[env] {
+                meter.note_fall();
+            } else {
+                measure(task, env, meter);
+            }
+        }
+    }
+    let mut meters = meters.into_iter();
+    let mut all = meters.next().unwrap_or_else(|| GaitMeter::new(&scale, 0));
+    meters.enumerate().for_each(|(k, meter)| if k < 7 { all.join(meter) } else { all.join_errors(&meter) });
+    Ok(all.gait())
+}
+
+/// What a meter must know of a task's robot.
+pub fn gait_scale(task: &VelocityTask) -> GaitScale {
+    let robot = task.robot();
+    GaitScale {
+        dt: task.settings().dt(),
+        mass: robot.model.mass() as f32,
+        height: robot.height,
+        efforts: robot.model.joints.iter().map(|j| Some(j.effort as f32).filter(|x| x.is_finite())).collect(),
+    }
+}
+
+/// Gives a meter what one robot of a task did in the last step.
+fn measure(task: &VelocityTask, env: usize, meter: &mut GaitMeter) {
+    let (joints, feet) = (task.robot().joints(), task.robot().feet.len());
+    let (q, v, torques) = task.motion();
+    let q = &q[env * (7 + joints)..][..7];
+    let v = &v[env * (6 + joints)..][..6 + joints];
+    let [ahead, aside, _] = in_heading([q[3], q[4], q[5], q[6]], [v[0], v[1], v[2]]);
+    let walker = &task.walkers()[env];
+    let touching: Vec<bool> = walker.air.iter().map(|air| *air == 0.0).collect();
+    meter.add(&GaitSample {
+        command: walker.command,
+        velocity: [ahead, aside, v[5]],
+        peaks: &task.peaks()[env * feet..][..feet],
+        touching: &touching,
+        torques: &torques[env * joints..][..joints],
+        speeds: &v[6..],
+    });
 }
 
 /// Mean and its standard error, both zero of no values.

@@ -8,7 +8,7 @@ use crate::PolicyError;
 use crate::env::VectorEnv;
 use crate::policy::{Policy, hash_of, model_hash};
 use crate::ppo::{Iteration, Ppo, PpoSettings};
-use crate::score::{Score, score};
+use crate::score::{GAIT_ROBOTS, Score, judge_gait, score};
 use crate::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
 use qv_core::Mismatch;
 use serde::{Deserialize, Serialize};
@@ -50,7 +50,25 @@ impl Default for TrainSettings {
     }
 }
 
+/// Keys of the reward that earlier versions had: the bounds of swings and stances and the terms of landings have taken their place.
+const REMOVED: [&str; 6] = ["air", "air_last", "air_epochs", "air_least", "air_most", "least"];
+
 impl TrainSettings {
+    /// Reads a `settings.toml`; keys that earlier versions had are left out and named.
+    ///
+    /// # Errors
+    /// When the text is no such file; a key that is unknown is named with those that are known.
+    pub fn parse(text: &str) -> Result<(Self, Vec<&'static str>), PolicyError> {
+        let wrong = |e: toml::de::Error| PolicyError::Text { what: "settings".into(), reason: e.to_string() };
+        let mut table: toml::Table = toml::from_str(text).map_err(wrong)?;
+        let task = table.get_mut("task").and_then(toml::Value::as_table_mut);
+        let reward = task.and_then(|task| task.get_mut("reward")).and_then(toml::Value::as_table_mut);
+        let removed = reward.map_or_else(Vec::new, |reward| {
+            REMOVED.into_iter().filter(|key| reward.remove(*key).is_some()).collect::<Vec<_>>()
+        });
+        Ok((table.try_into().map_err(wrong)?, removed))
+    }
+
     /// # Errors
     /// Names the first setting that means nothing.
     pub fn check(&self) -> Result<(), PolicyError> {
@@ -86,14 +104,21 @@ pub struct Line {
     pub score: Option<Score>,
 }
 
+/// Iterations over which the mean of the actor's numbers runs, which is what is scored and kept: it follows commands more exactly than any of
+/// them (Polyak and Juditsky 1992).
+const AVERAGED: f32 = 20.0;
+
 /// A training that goes on as long as it is asked to.
 pub struct Training {
     settings: TrainSettings,
     env: VelocityTask,
     judge: VelocityTask,
+    gait_judge: VelocityTask,
     ppo: Ppo,
     best: Option<(Score, Policy)>,
     epoch: u64,
+    /// Mean of the actor's numbers over the last iterations of the epoch, see [`AVERAGED`].
+    mean: Vec<f32>,
     /// Networks, optimiser and curriculum when the epoch began.
     kept: Checkpoint,
 }
@@ -165,6 +190,7 @@ impl Training {
         settings.check()?;
         let env = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), settings.robots)?;
         let judge = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), settings.score_robots)?;
+        let gait_judge = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), GAIT_ROBOTS)?;
         let ppo = Ppo::new(&settings.ppo, &env, settings.seed)?;
         let kept = Checkpoint {
             settings: settings.clone(),
@@ -179,7 +205,17 @@ impl Training {
             curriculum: Vec::new(),
             best: None,
         };
-        let mut training = Self { settings: settings.clone(), env, judge, ppo, best: None, epoch: 0, kept };
+        let mut training = Self {
+            settings: settings.clone(),
+            env,
+            judge,
+            gait_judge,
+            ppo,
+            best: None,
+            epoch: 0,
+            mean: Vec::new(),
+            kept,
+        };
         training.begin_epoch()?;
         Ok(training)
     }
@@ -241,7 +277,11 @@ impl Training {
 
     fn begin_epoch(&mut self) -> Result<(), PolicyError> {
         self.kept = self.state(self.epoch);
+        self.mean = Policy::of(&self.ppo).parameters;
         self.env.restart(self.settings.seed, self.epoch)?;
+        self.ppo.mirrors = self.epoch < self.settings.ppo.symmetry_epochs;
+        // Exploration gives way to exactness: noise starts a robot that would stand still without it, and hides that.
+        self.ppo.entropy_share = 1.0 - self.settings.task.reward.narrowed(self.epoch);
         self.ppo.reseed(self.settings.seed, self.epoch, self.settings.robots);
         Ok(())
     }
@@ -280,7 +320,7 @@ impl Training {
         &mut self.ppo
     }
 
-    /// The task that is trained on, to add what a compensator does.
+    /// The task that is trained on, to add torques of shapes.
     pub fn task_mut(&mut self) -> &mut VelocityTask {
         &mut self.env
     }
@@ -295,9 +335,9 @@ impl Training {
         self.best.as_ref()
     }
 
-    /// The present policy.
+    /// The present policy, with the mean of the last iterations' numbers.
     pub fn policy(&self) -> Policy {
-        Policy::of(&self.ppo)
+        Policy { parameters: self.mean.clone(), ..Policy::of(&self.ppo) }
     }
 
     /// One iteration, and a score where one is due.
@@ -307,6 +347,9 @@ impl Training {
     pub fn advance(&mut self) -> Result<Line, PolicyError> {
         let iteration = self.ppo.iterate(&mut self.env)?;
         let done = self.ppo.iterations;
+        // Of an epoch, so that a training that is taken up again has the same.
+        let share = 1.0 / ((done - self.kept.iterations) as f32).clamp(1.0, AVERAGED);
+        self.mean.iter_mut().zip(&self.ppo.parameters).for_each(|(mean, x)| *mean += share * (x - *mean));
         let samples = done * (self.settings.robots * self.settings.ppo.steps) as u64;
         let mut line = Line { iteration, samples, figures: self.env.figures(), score: None };
         if done.is_multiple_of(self.settings.score_every) {
@@ -324,9 +367,11 @@ impl Training {
     /// # Errors
     /// When a number is not finite.
     pub fn judge_now(&mut self) -> Result<Score, PolicyError> {
-        let policy = Policy::of(&self.ppo);
+        let policy = self.policy();
         let commands = self.settings.task.commands.clone();
-        let found = score(&policy, &mut self.judge, &commands, self.settings.score_seconds, self.settings.seed)?;
+        let (seconds, seed) = (self.settings.score_seconds, self.settings.seed);
+        let mut found = score(&policy, &mut self.judge, &commands, seconds, seed)?;
+        found.gait = Some(judge_gait(&policy, &mut self.gait_judge, &commands, seconds, seed)?);
         if self.best.as_ref().is_none_or(|(best, _)| found.cost() < best.cost()) {
             self.best = Some((found.clone(), policy));
         }

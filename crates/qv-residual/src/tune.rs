@@ -99,7 +99,8 @@ pub fn train_on(
     let mut train = TrainSettings { seed: settings.seed, robots: settings.robots, ..start.settings.clone() };
     train.task = corrected.task(&train.task);
     // Weights that grow over a training are those of its end.
-    train.task.reward.air = train.task.reward.air_last;
+    train.task.reward = train.task.reward.risen();
+    train.task.commands.single_axis_from = 0;
     train.task.reward.steady = settings.steady;
     train.task.reward.steady_width = settings.steady_width;
     train.ppo.rate = settings.rate;

@@ -50,6 +50,13 @@ pub struct Request {
     pub down_to_unseen: bool,
 }
 
+impl Request {
+    /// Of a robot that does everything in turn, with sizes that can be seen.
+    pub fn mixed(engine: EngineChoice, wanted: FaultRequest) -> Self {
+        Self { engine, wanted, motion: Motion::Mixed, down_to_unseen: false }
+    }
+}
+
 /// Why a draw was no valid recording.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Rejection {

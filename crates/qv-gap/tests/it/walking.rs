@@ -405,7 +405,7 @@ fn without_poses_a_slope_may_be_a_tilted_imu() {
 
 #[test]
 fn a_robot_that_only_stands_is_accused_of_nothing() {
-    let request = Request { engine: EngineChoice::Ours, wanted: FaultRequest::Nothing };
+    let request = Request::mixed(EngineChoice::Ours, FaultRequest::Nothing);
     let plan = Plan { sections: vec![(Section::Stand, 10.0)] };
     let recipe = Recipe { plan, ..qv_sealed::redraw(&request, 7, 0).unwrap().recipe };
     let run = read(&qv_sealed::record(&recipe).unwrap().1);

@@ -3,6 +3,8 @@
 use super::RollError;
 use super::description::{Description, Numbers};
 use super::observe::{Observer, RobotState};
+use crate::gait::{GaitMeter, GaitSample};
+use crate::velocity::in_heading;
 use qv_sim::{Batch, JointCommand, Model, SimError, State};
 
 /// What a roll did: one sample at the start and one after every action, joints in the description's order.
@@ -16,6 +18,14 @@ pub struct RollTrace {
     pub joints: Vec<Vec<f64>>,
     /// Torques of the last physics step \[N m\]; zeros at the start.
     pub torques: Vec<Vec<f64>>,
+    /// Joint speeds \[rad/s\].
+    pub speeds: Vec<Vec<f64>>,
+    /// Velocity of the base: world axes \[m/s\], then its turning in its own axes \[rad/s\].
+    pub velocity: Vec<[f64; 6]>,
+    /// Upward force of the ground on each shape of the model in the last physics step \[N\]; zeros at the start.
+    pub forces: Vec<Vec<f32>>,
+    /// The greatest of it in the physics steps since the sample before \[N\].
+    pub peaks: Vec<Vec<f32>>,
     /// What the policy saw before each action.
     pub observations: Vec<Vec<f32>>,
     /// Actions, clipped.
@@ -52,7 +62,11 @@ pub fn roll<E: std::fmt::Display>(
     let (mut observer, mut rolled) = (Observer::new(description), RollTrace::default());
     let count = description.joints.len();
     let (mut last, mut state) = (vec![0.0; count], start.clone());
-    rolled.push(0.0, &start.q, map.joints(&start.q), vec![0.0; count]);
+    let shapes = batch.model().geoms.len();
+    let (mut forces, mut peaks) = (vec![0.0; 3 * shapes * batch.len()], vec![0.0f32; shapes]);
+    rolled.push(0.0, start, &map, vec![0.0; count]);
+    rolled.forces.push(peaks.clone());
+    rolled.peaks.push(peaks.clone());
     for k in 0..(duration * description.rate).round() as usize {
         let time = k as f64 / description.rate;
         let seen = RobotState {
@@ -68,13 +82,20 @@ pub fn roll<E: std::fmt::Display>(
         let raw = policy(&observation).map_err(|error| RollError::Policy { time, reason: error.to_string() })?;
         let action = clipped(description, &raw, time)?;
         map.command(batch, description, &action, &last)?;
-        batch.step_many(description.steps_per_action());
+        peaks.fill(0.0);
+        for _ in 0..description.steps_per_action() {
+            batch.step();
+            batch.read_geom_forces(&mut forces)?;
+            peaks.iter_mut().zip(forces.chunks_exact(3)).for_each(|(peak, force)| *peak = peak.max(force[2]));
+        }
         if batch.is_faulty(0)? {
             return Err(RollError::RanAway { time: time + 1.0 / description.rate });
         }
         batch.read_state(0, &mut state)?;
         let torques = map.pick(&batch.sensors(0)?.tau);
-        rolled.push((k + 1) as f64 / description.rate, &state.q, map.joints(&state.q), torques);
+        rolled.push((k + 1) as f64 / description.rate, &state, &map, torques);
+        rolled.forces.push(forces.chunks_exact(3).take(shapes).map(|force| force[2]).collect());
+        rolled.peaks.push(peaks.clone());
         rolled.observations.push(observation);
         rolled.actions.push(action.clone());
         last = action;
@@ -83,11 +104,38 @@ pub fn roll<E: std::fmt::Display>(
 }
 
 impl RollTrace {
-    fn push(&mut self, time: f64, q: &[f64], joints: Vec<f64>, torques: Vec<f64>) {
+    fn push(&mut self, time: f64, state: &State, map: &Map, torques: Vec<f64>) {
         self.time.push(time);
-        self.base.push(q[..7].try_into().unwrap_or([f64::NAN; 7]));
-        self.joints.push(joints);
+        self.base.push(state.q[..7].try_into().unwrap_or([f64::NAN; 7]));
+        self.velocity.push(state.v[..6].try_into().unwrap_or([f64::NAN; 6]));
+        self.joints.push(map.joints(&state.q));
+        self.speeds.push(map.speeds(&state.v));
         self.torques.push(torques);
+    }
+
+    /// Gives a meter what the robot did under a command; `feet` are the model's shapes of its feet. From a fall on (the trunk leans by more than
+    /// 60 degrees) nothing counts.
+    pub fn measure(&self, command: [f64; 3], feet: &[usize], meter: &mut GaitMeter) {
+        let narrow = |values: &[f64]| values.iter().map(|&x| x as f32).collect::<Vec<f32>>();
+        for k in 1..self.time.len() {
+            let turn = [3, 4, 5, 6].map(|i| self.base[k][i] as f32);
+            if 1.0 - 2.0 * (turn[1] * turn[1] + turn[2] * turn[2]) < 0.5 {
+                meter.note_fall();
+                return;
+            }
+            let [vx, vy, vz, _, _, turning] = self.velocity[k].map(|x| x as f32);
+            let [ahead, aside, _] = in_heading(turn, [vx, vy, vz]);
+            let touching: Vec<bool> = feet.iter().map(|&f| self.forces[k][f] > 0.1).collect();
+            let peaks: Vec<f32> = feet.iter().map(|&f| self.peaks[k][f]).collect();
+            meter.add(&GaitSample {
+                command: command.map(|x| x as f32),
+                velocity: [ahead, aside, turning],
+                peaks: &peaks,
+                touching: &touching,
+                torques: &narrow(&self.torques[k]),
+                speeds: &narrow(&self.speeds[k]),
+            });
+        }
     }
 }
 

@@ -5,15 +5,21 @@
 
 mod ground;
 mod judge;
+mod mirror;
+mod propose;
 mod randomise;
 mod readings;
 mod reward;
 mod robot;
+mod scaling;
 mod settings;
+mod sums;
 mod turns;
 mod walker;
 
 pub use ground::Ground;
+pub use mirror::RobotMirror;
+pub use propose::known_robot;
 pub use reward::TERMS;
 pub use robot::{PerJoint, RobotFile, TaskRobot};
 pub use settings::{Commands, Ends, Noise, Randomise, Reward, TaskSettings};
@@ -23,12 +29,15 @@ pub use walker::Walker;
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
 use crate::shape_torques::ShapeTorques;
+use crate::symmetry::Symmetry;
 use judge::{Judge, Outcome, touches};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_sim::{Batch, BatchCommand, LineSearch, SimOptions, State};
 use randomise::{Draws, set_known};
 use rayon::prelude::*;
 use readings::Readings;
+use scaling::SCAN;
+use sums::Sums;
 use turns::{heading, turned, turned_back};
 
 /// Parts of an observation with their length; `0` stands for the number of joints. All in SI units, unscaled.
@@ -50,6 +59,8 @@ pub struct VelocityTask {
     settings: TaskSettings,
     /// Weights of the present epoch.
     reward: Reward,
+    /// Commands of the present epoch.
+    commands: Commands,
     ground: Ground,
     batch: Batch<f32>,
     draws: Draws,
@@ -66,23 +77,6 @@ pub struct VelocityTask {
     mount: [f32; 4],
     shape_torques: Option<ShapeTorques>,
     added: Vec<f32>,
-}
-
-/// Sums since figures were asked for.
-#[derive(Debug, Clone)]
-struct Sums {
-    steps: f64,
-    terms: [f64; TERMS.len()],
-    velocity_error: f64,
-    turning_error: f64,
-    /// Landings, time in the air, highest points.
-    feet: [f64; 3],
-}
-
-impl Sums {
-    fn new() -> Self {
-        Self { steps: 0.0, terms: [0.0; TERMS.len()], velocity_error: 0.0, turning_error: 0.0, feet: [0.0; 3] }
-    }
 }
 
 impl VelocityTask {
@@ -111,6 +105,7 @@ impl VelocityTask {
             v: vec![0.0; count * (6 + joints)],
             torques: vec![0.0; count * joints],
             forces: vec![0.0; count * geoms * 3],
+            peaks: vec![0.0; count * feet],
             feet: vec![0.0; count * feet * 3],
             feet_speed: vec![0.0; count * feet * 3],
             gyro: vec![0.0; count * 3],
@@ -132,6 +127,7 @@ impl VelocityTask {
             shape_torques: None,
             added: vec![0.0; count * joints],
             reward: settings.reward.in_epoch(0),
+            commands: settings.commands.in_epoch(0),
             robot,
             settings,
             ground,
@@ -193,6 +189,11 @@ impl VelocityTask {
         (&self.read.feet, &self.read.forces)
     }
 
+    /// Greatest force on each foot, upwards, of the physics steps of the last decision, `[count][feet]` \[N\].
+    pub fn peaks(&self) -> &[f32] {
+        &self.read.peaks
+    }
+
     /// Puts one robot onto its feet at its place, and forgets its past.
     fn begin(&mut self, env: usize) -> Result<(), PolicyError> {
         let walker = &mut self.walkers[env];
@@ -200,7 +201,7 @@ impl VelocityTask {
         let dt = self.settings.dt();
         let judged = self.judged;
         if !judged {
-            walker.draw_command(&self.settings.commands, dt);
+            walker.draw_command(&self.commands, dt);
         }
         if !judged || self.varied {
             self.draws.draw(env, &mut walker.random, &mut self.batch)?;
@@ -271,7 +272,9 @@ impl VelocityTask {
             batch: &self.batch,
             read: &self.read,
             judged: self.judged,
+            commands: &self.commands,
             torque: self.robot.torque_scale(),
+            weight: (self.robot.model.mass() * qv_core::GRAVITY) as f32,
             foot_radius: self.robot.feet.iter().map(|&g| self.robot.foot_radius(g)).collect(),
             length: (self.settings.episode * self.settings.rate) as u32,
         }
@@ -332,7 +335,7 @@ impl VectorEnv for VelocityTask {
     }
 
     fn privileged(&self) -> usize {
-        self.observations() + 4 + self.robot.feet.len() + SCAN.len()
+        self.observations() + 4 + 4 * self.robot.feet.len() + SCAN.len()
     }
 
     fn actions(&self) -> usize {
@@ -340,28 +343,11 @@ impl VectorEnv for VelocityTask {
     }
 
     fn observation_scaling(&self) -> (Vec<f32>, Vec<f32>) {
-        let joints = self.robot.joints();
-        let mut offset = vec![0.0; 9];
-        // Turning rates and commands of one, speeds of twenty are usual: legged_gym's scales.
-        let mut scale = vec![0.25, 0.25, 0.25, 1.0, 1.0, 1.0, 2.0, 2.0, 0.5];
-        offset.extend(&self.robot.stand);
-        scale.extend(vec![1.0; joints]);
-        offset.extend(vec![0.0; joints]);
-        scale.extend(vec![0.05; joints]);
-        offset.extend(&self.robot.stand);
-        scale.extend(self.robot.action_scale.iter().map(|s| 1.0 / s));
-        (offset, scale)
+        scaling::observation(&self.robot)
     }
 
     fn privileged_scaling(&self) -> (Vec<f32>, Vec<f32>) {
-        let (mut offset, mut scale) = self.observation_scaling();
-        offset.extend([0.0, 0.0, 0.0, self.robot.height]);
-        scale.extend([2.0, 2.0, 2.0, 5.0]);
-        offset.extend(vec![0.0; self.robot.feet.len()]);
-        scale.extend(vec![1.0; self.robot.feet.len()]);
-        offset.extend(SCAN.map(|_| 0.0));
-        scale.extend(SCAN.map(|_| 5.0));
-        (offset, scale)
+        scaling::privileged(&self.robot)
     }
 
     fn observe(&mut self, observations: &mut [f32], privileged: &mut [f32]) {
@@ -400,15 +386,22 @@ impl VectorEnv for VelocityTask {
             let rest = &mut all[seen..];
             rest[..3].copy_from_slice(&turned_back([q[3], q[4], q[5], q[6]], [v[0], v[1], v[2]]));
             rest[3] = q[2] - walker.ground;
+            let feet = robot.feet.len();
             for (k, &foot) in robot.feet.iter().enumerate() {
                 rest[4 + k] = f32::from(touches(&read.forces, geoms, env, foot));
+            }
+            // What the terms of the gait remember.
+            for (list, part) in
+                [&walker.air, &walker.stance, &walker.duty].iter().zip(rest[4 + feet..].chunks_mut(feet))
+            {
+                part.copy_from_slice(list);
             }
             let heading = heading([q[3], q[4], q[5], q[6]]);
             for (k, [ahead, aside]) in SCAN.into_iter().enumerate() {
                 let [c, s] = heading;
                 let at = [q[0] + c * ahead - s * aside, q[1] + s * ahead + c * aside];
                 let height = if ground.is_plane() { Some(0.0) } else { ground.height(at[0], at[1], q[2]) };
-                rest[4 + robot.feet.len() + k] = height.map_or(0.0, |h| (h - walker.ground).clamp(-0.5, 0.5));
+                rest[4 + 4 * feet + k] = height.map_or(0.0, |h| (h - walker.ground).clamp(-0.5, 0.5));
             }
             if let Some(noise) = noise {
                 let random = &mut walker.random;
@@ -445,6 +438,7 @@ impl VectorEnv for VelocityTask {
     fn restart(&mut self, seed: u64, epoch: u64) -> Result<(), PolicyError> {
         let length = (self.settings.episode * self.settings.rate) as usize;
         self.reward = self.settings.reward.in_epoch(epoch);
+        self.commands = self.settings.commands.in_epoch(epoch);
         for env in 0..self.count() {
             self.walkers[env].random = Xoshiro256PlusPlus::of(seed ^ epoch.rotate_left(40), 4, env as u64);
             if epoch == 0 {
@@ -466,6 +460,10 @@ impl VectorEnv for VelocityTask {
             self.walkers[env].ground = self.ground.height(at[0], at[1], at[2]).unwrap_or(0.0);
         }
         Ok(())
+    }
+
+    fn symmetry(&self) -> Option<Symmetry> {
+        scaling::symmetry(&self.robot)
     }
 
     fn figures(&mut self) -> Vec<(&'static str, f32)> {
@@ -522,21 +520,34 @@ impl VelocityTask {
     /// # Errors
     /// When an added torque is not finite.
     pub fn simulate(&mut self) -> Result<(), PolicyError> {
-        let Some(torques) = &self.shape_torques else {
-            self.batch.step_many_parallel(self.settings.substeps);
-            return Ok(());
-        };
+        self.read.peaks.fill(0.0);
         for step in 0..self.settings.substeps {
-            if step > 0 {
-                self.batch.read_positions(&mut self.read.q)?;
-                self.batch.read_velocities(&mut self.read.v)?;
-                self.batch.read_torques(&mut self.read.torques)?;
+            if let Some(torques) = &self.shape_torques {
+                if step > 0 {
+                    self.batch.read_positions(&mut self.read.q)?;
+                    self.batch.read_velocities(&mut self.read.v)?;
+                    self.batch.read_torques(&mut self.read.torques)?;
+                }
+                torques.write(&self.read.q, &self.read.v, &self.read.torques, &mut self.added);
+                self.batch.set_added_torques(&self.added)?;
             }
-            torques.write(&self.read.q, &self.read.v, &self.read.torques, &mut self.added);
-            self.batch.set_added_torques(&self.added)?;
             self.batch.step_parallel();
+            self.batch.read_geom_forces(&mut self.read.forces)?;
+            self.note_peaks();
         }
         Ok(())
+    }
+
+    /// An impact is over before the end of a decision: forces are looked at after each physics step.
+    fn note_peaks(&mut self) {
+        let (geoms, feet) = (self.robot.model.geoms.len(), &self.robot.feet);
+        for (peaks, forces) in
+            self.read.peaks.chunks_exact_mut(feet.len()).zip(self.read.forces.chunks_exact(3 * geoms))
+        {
+            for (peak, foot) in peaks.iter_mut().zip(feet) {
+                *peak = peak.max(forces[3 * foot + 2]);
+            }
+        }
     }
 
     /// Third part of a step: rewards and ends of all robots, from the state that the simulator is in.
@@ -579,7 +590,3 @@ impl VelocityTask {
         Ok(())
     }
 }
-
-/// Points ahead and aside of the base at which the critic knows the height of the ground \[m\].
-const SCAN: [[f32; 2]; 9] =
-    [[0.4, 0.2], [0.4, 0.0], [0.4, -0.2], [0.2, 0.0], [-0.2, 0.0], [-0.4, 0.2], [-0.4, -0.2], [0.0, 0.2], [0.0, -0.2]];

@@ -7,6 +7,8 @@ pub(super) struct Readings {
     pub v: Vec<f32>,
     pub torques: Vec<f32>,
     pub forces: Vec<f32>,
+    /// Greatest force on each foot, upwards, of the physics steps of a decision \[N\].
+    pub peaks: Vec<f32>,
     pub feet: Vec<f32>,
     pub feet_speed: Vec<f32>,
     pub gyro: Vec<f32>,

@@ -4,7 +4,7 @@ use super::settings::Reward;
 use super::walker::Walker;
 
 /// Names of the terms, in the order in which a step has them.
-pub const TERMS: [&str; 20] = [
+pub const TERMS: [&str; 23] = [
     "velocity",
     "turning",
     "bounce",
@@ -16,7 +16,11 @@ pub const TERMS: [&str; 20] = [
     "action_rate",
     "action_jerk",
     "pose",
-    "air",
+    "air_time",
+    "duty_variance",
+    "landing",
+    "contact_forces",
+    "power",
     "clearance",
     "slip",
     "pairs",
@@ -24,7 +28,6 @@ pub const TERMS: [&str; 20] = [
     "still",
     "steady",
     "fall",
-    "cut",
 ];
 
 /// Weighted terms of one step of one robot \[1/s\].
@@ -54,8 +57,12 @@ pub struct RewardInput<'a> {
     pub feet_speed: &'a [f32],
     /// Which feet touch.
     pub touching: &'a [bool],
-    /// Feet that landed in this step, and how long they had been in the air \[s\]; -1 for others.
-    pub landed: &'a [f32],
+    /// Seconds by which swings and stances of the feet went outside their bounds in this step, summed.
+    pub outside: f32,
+    /// Speeds downwards of the feet that landed, summed \[m/s\].
+    pub landing: f32,
+    /// Peak forces on the feet in this step, in body weights.
+    pub peaks: &'a [f32],
     /// Limbs that touch.
     pub limbs: usize,
     /// Whether the robot fell.
@@ -72,6 +79,8 @@ pub struct Measures<'a> {
     pub height: f32,
     /// \[N m\]
     pub torque: f32,
+    /// \[N\]
+    pub weight: f32,
 }
 
 fn squared(values: impl Iterator<Item = f32>) -> f32 {
@@ -90,8 +99,8 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &RewardInput, walker: &
         let weight = if sideways || standing { 1.0 } else { 0.2 };
         weight * (q - stand) * (q - stand)
     });
-    let air = seen.landed.iter().filter(|&&air| air >= 0.0);
-    let air: f32 = air.map(|air| air.min(reward.air_most) - reward.air_least).sum();
+    let power: f32 = seen.torques.iter().zip(seen.dq).map(|(torque, speed)| (torque * speed).abs()).sum();
+    let forces = seen.peaks.iter().map(|peak| (peak - reward.max_contact_force).max(0.0));
     let target = reward.clearance_height * measures.height;
     let clearance = (0..seen.touching.len()).filter(|&f| !seen.touching[f]).map(|f| {
         let miss = (seen.feet_height[f] - target) / measures.height;
@@ -104,7 +113,7 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &RewardInput, walker: &
     let near = |off: f32| 1.0 / (1.0 + off / (reward.steady_width * reward.steady_width));
     let steady = near(ahead * ahead + aside * aside) + near(turn * turn);
     let moving = |x: f32| if standing { 0.0 } else { x };
-    let mut out = [
+    [
         reward.velocity * (-off / reward.velocity_width).exp(),
         reward.turning * (-turn_off / reward.turning_width).exp(),
         -reward.bounce * seen.velocity[2] * seen.velocity[2],
@@ -116,22 +125,25 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &RewardInput, walker: &
         -reward.action_rate * squared(pairs.map(|(now, last)| now - last)),
         -reward.action_jerk * squared(jerk),
         -reward.pose * pose.sum::<f32>(),
-        reward.air * moving(air),
+        -reward.air_time * seen.outside,
+        -reward.duty_variance * moving(variance(&walker.duty)),
+        -reward.landing * seen.landing,
+        -reward.contact_forces * forces.sum::<f32>(),
+        -reward.power * power / measures.weight,
         -reward.clearance * clearance.sum::<f32>(),
         -reward.slip * slip.sum::<f32>(),
         -reward.pairs * moving(apart(seen.touching)),
         -reward.limbs * seen.limbs as f32,
         if standing { -reward.still * still } else { 0.0 },
         reward.steady * steady,
-        0.0,
-        0.0,
-    ];
-    let sum: f32 = out.iter().sum();
-    out[19] = (reward.least - sum).max(0.0);
-    if seen.fell {
-        out[18] = -reward.fall / dt;
-    }
-    out
+        if seen.fell { -reward.fall / dt } else { 0.0 },
+    ]
+}
+
+fn variance(values: &[f32]) -> f32 {
+    let count = values.len().max(1) as f32;
+    let mean = values.iter().sum::<f32>() / count;
+    values.iter().map(|x| (x - mean) * (x - mean)).sum::<f32>() / count
 }
 
 /// Pairs of legs across (first and last, second and third) that are not together; none for robots without four legs.

@@ -1,5 +1,6 @@
 //! The robot of a task: any four-legged (or otherwise footed) one, reported by its model and a few lines of TOML.
 
+use super::propose;
 use crate::PolicyError;
 use qv_sim::mjcf::{Include, is_mjcf};
 use qv_sim::{BaseKind, Geom, Model, ModelOptions};
@@ -36,7 +37,7 @@ pub struct TaskRobot {
     pub height: f32,
 }
 
-/// The TOML that describes a robot beside its URDF. Joints are in the order of the URDF, depth first.
+/// The TOML that describes a robot beside its URDF. What it leaves out is proposed from the model, see `propose.rs` and [`crate::stand`]. Joints are in the order of the URDF, depth first.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotFile {
@@ -50,19 +51,19 @@ pub struct RobotFile {
     /// Names of a leg's joints, from the trunk outwards.
     #[serde(default)]
     pub joints: Vec<String>,
-    /// Joint angles of the stand by joint name, or by the end of joint names \[rad\]; the longest name wins.
-    pub stand: BTreeMap<String, f32>,
-    /// Position gain \[N m/rad\], one for all or by joint name (or its end).
-    pub kp: PerJoint,
-    /// Velocity gain \[N m s/rad\].
-    pub kd: PerJoint,
-    /// Radians for an action of one; default 0.25.
-    #[serde(default = "quarter")]
-    pub action_scale: PerJoint,
-    /// Rotor inertia at each joint \[kg m²\].
+    /// Joint angles of the stand by joint name, or by the end of joint names \[rad\]; the longest name wins. Default: feet below hips.
     #[serde(default)]
-    pub armature: f64,
-    /// Feet: names of shapes or links, or their ends, in the order of the legs.
+    pub stand: BTreeMap<String, f32>,
+    /// Position gain \[N m/rad\], one for all or by joint name (or its end). Default: in proportion to weight and height.
+    pub kp: Option<PerJoint>,
+    /// Velocity gain \[N m s/rad\]. Default: a fortieth of the position gain that is proposed.
+    pub kd: Option<PerJoint>,
+    /// Radians for an action of one; default 0.25.
+    pub action_scale: Option<PerJoint>,
+    /// Rotor inertia at each joint \[kg m²\]. Default: that of the model, else in proportion to the mass.
+    pub armature: Option<f64>,
+    /// Feet: names of shapes or links, or their ends, in the order of the legs. Default: the last shapes of four legs.
+    #[serde(default)]
     pub feet: Vec<String>,
     /// Links or shapes (or the ends of their names) that must not touch the ground: an episode ends where one is of the base, touching
     /// costs for others. Default: all but the feet.
@@ -71,10 +72,6 @@ pub struct RobotFile {
     /// Joints that move legs sideways, by the ends of their names; default: those whose axis is x.
     #[serde(default)]
     pub sideways: Vec<String>,
-}
-
-fn quarter() -> PerJoint {
-    PerJoint::All(0.25)
 }
 
 /// One number for all joints, or one by name.
@@ -126,6 +123,24 @@ fn by_name(what: &str, named: &BTreeMap<String, f32>, model: &Model) -> Result<V
 }
 
 impl RobotFile {
+    /// A file that names a model and leaves out all else.
+    pub fn bare(model: &str) -> Self {
+        Self {
+            name: None,
+            urdf: model.into(),
+            legs: Vec::new(),
+            joints: Vec::new(),
+            stand: BTreeMap::new(),
+            kp: None,
+            kd: None,
+            action_scale: None,
+            armature: None,
+            feet: Vec::new(),
+            must_not_touch: Vec::new(),
+            sideways: Vec::new(),
+        }
+    }
+
     /// # Errors
     /// When the text is not such a file; the line is reported.
     pub fn parse(text: &str) -> Result<Self, PolicyError> {
@@ -145,14 +160,19 @@ impl RobotFile {
     /// # Errors
     /// As [`RobotFile::robot`].
     pub fn robot_with(&self, model: &str, include: &Include) -> Result<TaskRobot, PolicyError> {
-        if !(self.armature.is_finite() && self.armature >= 0.0) {
-            return Err(PolicyError::setting("armature", "a finite number of at least 0", self.armature));
+        let armature = self.armature.unwrap_or(0.0);
+        if !(armature.is_finite() && armature >= 0.0) {
+            return Err(PolicyError::setting("armature", "a finite number of at least 0", armature));
         }
-        let options = ModelOptions { base: BaseKind::Floating, armature: self.armature, ..Default::default() };
-        self.robot_of(match is_mjcf(model) {
+        let options = ModelOptions { base: BaseKind::Floating, armature, ..Default::default() };
+        let mut model = match is_mjcf(model) {
             true => Model::from_mjcf(model, &options, include)?,
             false => Model::from_urdf(model, &options)?,
-        })
+        };
+        if self.armature.is_none() {
+            propose::add_armature(&mut model);
+        }
+        self.robot_of(model)
     }
 
     fn robot_of(&self, model: Model) -> Result<TaskRobot, PolicyError> {
@@ -162,11 +182,25 @@ impl RobotFile {
             let expected = format!("the joints of the URDF in its order: {}", model.joint_names().join(", "));
             return Err(PolicyError::setting("legs and joints", &expected, named.join(", ")));
         }
-        let stand = by_name("stand", &self.stand, &model)?;
-        let kp = self.kp.resolve("kp", &model)?;
-        let kd = self.kd.resolve("kd", &model)?;
-        let action_scale = self.action_scale.resolve("action_scale", &model)?;
-        let feet = shapes("feet", &self.feet, &model)?;
+        let stand = match self.stand.is_empty() {
+            true => propose::stand(&model)?,
+            false => by_name("stand", &self.stand, &model)?,
+        };
+        let feet = match self.feet.is_empty() {
+            true => propose::feet(&model)?,
+            false => shapes("feet", &self.feet, &model)?,
+        };
+        let height = standing_height(&model, &stand, &feet);
+        let torque = torque_scale(&model, height, feet.len());
+        let mut numbers = propose::gains(torque, model.joints.len());
+        for (k, (what, given)) in
+            [("kp", &self.kp), ("kd", &self.kd), ("action_scale", &self.action_scale)].into_iter().enumerate()
+        {
+            if let Some(given) = given {
+                numbers[k] = given.resolve(what, &model)?;
+            }
+        }
+        let [kp, kd, action_scale] = numbers;
         let mut shy = match self.must_not_touch.is_empty() {
             true => (0..model.geoms.len()).collect(),
             false => shapes("must_not_touch", &self.must_not_touch, &model)?,
@@ -275,8 +309,12 @@ impl TaskRobot {
 
     /// Torque by which terms of the reward are measured: a foot's share of the weight on a lever as long as the robot is high.
     pub fn torque_scale(&self) -> f32 {
-        (self.model.mass() * qv_core::GRAVITY) as f32 * self.height / self.feet.len() as f32
+        torque_scale(&self.model, self.height, self.feet.len())
     }
+}
+
+fn torque_scale(model: &Model, height: f32, feet: usize) -> f32 {
+    (model.mass() * qv_core::GRAVITY) as f32 * height / feet as f32
 }
 
 /// Height of the base over level ground at which the lowest foot touches \[m\].

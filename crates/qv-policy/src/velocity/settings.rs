@@ -62,11 +62,35 @@ pub struct Commands {
     pub every: f32,
     /// Share of commands that say: stand.
     pub stand: f32,
+    /// Commands whose size (m/s and rad/s alike) is below this are drawn anew: between standing and walking is a gap.
+    pub gap: f32,
+    /// Share of commands along one axis (ahead, aside or turning), from epoch `single_axis_from` of a training on: straight ahead from rest
+    /// is a command of its own, which three even numbers never give.
+    pub single_axis: f32,
+    /// See `single_axis`.
+    pub single_axis_from: u64,
+}
+
+impl Commands {
+    /// The commands of an epoch of a training.
+    pub(crate) fn in_epoch(&self, epoch: u64) -> Self {
+        let single_axis = if epoch >= self.single_axis_from { self.single_axis } else { 0.0 };
+        Self { single_axis, ..self.clone() }
+    }
 }
 
 impl Default for Commands {
     fn default() -> Self {
-        Self { vx: [-0.5, 1.0], vy: [-0.4, 0.4], wz: [-1.0, 1.0], every: 5.0, stand: 0.1 }
+        Self {
+            vx: [-0.5, 1.0],
+            vy: [-0.4, 0.4],
+            wz: [-1.0, 1.0],
+            every: 4.0,
+            stand: 0.15,
+            gap: 0.15,
+            single_axis: 0.4,
+            single_axis_from: 0,
+        }
     }
 }
 
@@ -100,17 +124,33 @@ pub struct Reward {
     pub action_jerk: f32,
     /// Squared distance from the stand: joints that move legs sideways in full, others a fifth.
     pub pose: f32,
-    /// For each foot that lands: how long it was in the air beyond `air_least` \[s\], at most until `air_most`; in the first epoch of a
-    /// training. A weight that is large from the start holds some seeds on three legs.
-    pub air: f32,
-    /// The same weight from epoch `air_epochs` on; linear between.
-    pub air_last: f32,
-    /// See `air_last`.
-    pub air_epochs: u64,
+    /// While the command says move, for each foot: time of a swing outside `swing` and of a stance outside `stance`, paid as it passes the
+    /// longest and, for what is missing to the shortest, at landing and lifting. Rises with `gait_epochs`.
+    pub air_time: f32,
+    /// Shortest and longest swing \[s\].
+    pub swing: [f32; 2],
+    /// Shortest and longest stance \[s\].
+    pub stance: [f32; 2],
+    /// Variance over the feet of their duty factors, running means over `duty_time`.
+    pub duty_variance: f32,
     /// \[s\]
-    pub air_least: f32,
-    /// \[s\]
-    pub air_most: f32,
+    pub duty_time: f32,
+    /// For each foot that lands: its speed downwards a step before \[m/s\]. Rises with `soft_epochs`.
+    pub landing: f32,
+    /// For each foot: peak force of a step beyond `max_contact_force`, in body weights (legged_gym's `feet_contact_forces`). Rises with
+    /// `soft_epochs`.
+    pub contact_forces: f32,
+    /// In body weights.
+    pub max_contact_force: f32,
+    /// Sum of |torque x speed| of the joints, in body weights times 1 m/s. Rises with `soft_epochs`.
+    pub power: f32,
+    /// Epochs from the first to the last of which `air_time`, `duty_variance`, `still` and `fall` rise from an eighth to the whole.
+    pub gait_epochs: [u64; 2],
+    /// Epochs from the first to the last of which the widths of the tracking terms narrow to `velocity_width` and `turning_width`.
+    pub narrow_epochs: [u64; 2],
+    /// Epochs from the first to the last of which `landing`, `contact_forces` and `power` rise from nothing to the whole: from the start they
+    /// keep a robot from walking at all.
+    pub soft_epochs: [u64; 2],
     /// For each foot in the air: squared distance from `clearance_height`, in heights, times its horizontal speed \[m/s\].
     pub clearance: f32,
     /// Height of the foot's lowest point to swing at, as a share of the robot's height.
@@ -132,25 +172,57 @@ pub struct Reward {
     pub steady_time: f32,
     /// Once, for a fall.
     pub fall: f32,
-    /// Below this the sum of a step's terms is cut, so that early falls do not pay \[1/s\].
-    pub least: f32,
 }
+
+/// Widths of the tracking terms at the beginning of a training, in those of its end: a robot that stands is rewarded for a little, the gait
+/// is formed before what is exact costs it, and one that walks evenly is rewarded for being exact.
+const WIDE: f32 = 2.5;
+/// Share of the terms of the gait that a training begins with: in full they keep a robot that cannot walk from trying.
+const FIRST: f32 = 0.125;
 
 impl Reward {
     /// The weights in an epoch of a training.
     pub(crate) fn in_epoch(&self, epoch: u64) -> Self {
-        let share = if epoch >= self.air_epochs { 1.0 } else { epoch as f32 / self.air_epochs as f32 };
-        Self { air: self.air + share * (self.air_last - self.air), ..self.clone() }
+        let gait = FIRST + (1.0 - FIRST) * risen(self.gait_epochs, epoch);
+        let soft = risen(self.soft_epochs, epoch);
+        let wide = 1.0 + (WIDE - 1.0) * (1.0 - self.narrowed(epoch));
+        Self {
+            velocity_width: self.velocity_width * wide,
+            turning_width: self.turning_width * wide,
+            air_time: self.air_time * gait,
+            duty_variance: self.duty_variance * gait,
+            still: self.still * gait,
+            fall: self.fall * gait,
+            landing: self.landing * soft,
+            contact_forces: self.contact_forces * soft,
+            power: self.power * soft,
+            ..self.clone()
+        }
     }
+
+    /// How far the widths of the tracking terms have narrowed in an epoch: 0 to 1.
+    pub(crate) fn narrowed(&self, epoch: u64) -> f32 {
+        risen(self.narrow_epochs, epoch)
+    }
+
+    /// The weights of the end of a training, for all epochs: for policies that walk.
+    pub fn risen(self) -> Self {
+        Self { gait_epochs: [0, 0], narrow_epochs: [0, 0], soft_epochs: [0, 0], ..self }
+    }
+}
+
+/// Share of a weight that rises between two epochs.
+fn risen([from, to]: [u64; 2], epoch: u64) -> f32 {
+    if epoch >= to { 1.0 } else { epoch.saturating_sub(from) as f32 / (to - from) as f32 }
 }
 
 impl Default for Reward {
     fn default() -> Self {
         Self {
-            velocity: 2.5,
-            velocity_width: 0.1,
-            turning: 1.25,
-            turning_width: 0.1,
+            velocity: 4.0,
+            velocity_width: 0.08,
+            turning: 2.0,
+            turning_width: 0.08,
             bounce: 2.0,
             sway: 0.05,
             tilt: 2.5,
@@ -160,22 +232,28 @@ impl Default for Reward {
             action_rate: 0.02,
             action_jerk: 0.01,
             pose: 0.3,
-            air: 8.0,
-            air_last: 24.0,
-            air_epochs: 4,
-            air_least: 0.25,
-            air_most: 0.45,
+            air_time: 24.0,
+            swing: [0.28, 0.36],
+            stance: [0.3, 0.5],
+            duty_variance: 80.0,
+            duty_time: 2.0,
+            landing: 4.0,
+            contact_forces: 3.0,
+            max_contact_force: 0.8,
+            power: 1.0,
+            gait_epochs: [0, 3],
+            narrow_epochs: [3, 5],
+            soft_epochs: [1, 4],
             clearance: 3.0,
             clearance_height: 0.25,
             slip: 0.1,
             pairs: 0.3,
             limbs: 0.5,
-            still: 1.0,
+            still: 2.0,
             steady: 0.0,
             steady_width: 0.05,
             steady_time: 0.8,
-            fall: 0.5,
-            least: -0.2,
+            fall: 10.0,
         }
     }
 }
@@ -303,6 +381,9 @@ impl TaskSettings {
         let Reward { velocity_width, turning_width, .. } = self.reward;
         within("reward.velocity_width", velocity_width, 1e-6, 1e6)?;
         within("reward.turning_width", turning_width, 1e-6, 1e6)?;
+        within("reward.duty_time", self.reward.duty_time, 1e-3, 1e4)?;
+        within("commands.single_axis", self.commands.single_axis, 0.0, 1.0)?;
+        within("commands.gap", self.commands.gap, 0.0, 100.0)?;
         let Noise { gyro, gravity, position, speed } = self.noise;
         let Randomise { start_angle, start_speed, .. } = self.randomise;
         let widths = [gyro, gravity, position, speed, start_angle, start_speed];

@@ -24,6 +24,12 @@ pub struct Walker {
     pub dq: Vec<f32>,
     /// How long each foot has been in the air \[s\]; 0 on the ground.
     pub air: Vec<f32>,
+    /// How long each foot has been on the ground under a command to move \[s\]; 0 in the air.
+    pub stance: Vec<f32>,
+    /// Share of time that each foot is on the ground, mean over the last `duty_time`, exponentially weighted.
+    pub duty: Vec<f32>,
+    /// Speed of each foot downwards a step ago \[m/s\].
+    pub sinking: Vec<f32>,
     /// Highest point of each foot in its swing \[m\].
     pub peak: Vec<f32>,
     /// Place of the curriculum: kind of ground and level.
@@ -53,6 +59,9 @@ impl Walker {
             action_before: vec![0.0; joints],
             dq: vec![0.0; joints],
             air: vec![0.0; feet],
+            stance: vec![0.0; feet],
+            duty: vec![1.0; feet],
+            sinking: vec![0.0; feet],
             peak: vec![0.0; feet],
             place: [0; 2],
             start: [0.0; 2],
@@ -70,11 +79,24 @@ impl Walker {
 
     /// Draws a command.
     pub(crate) fn draw_command(&mut self, commands: &Commands, dt: f32) {
+        /// Draws until a command lies outside the gap; ranges within it have none that does.
+        const DRAWS: usize = 20;
         self.command_steps = (commands.every / dt).round() as u32;
         let random = &mut self.random;
-        let stand = random.unit() < commands.stand;
-        let drawn = [commands.vx, commands.vy, commands.wz].map(|[low, high]| random.between(low, high));
-        self.command = if stand { [0.0; 3] } else { drawn };
+        self.command = [0.0; 3];
+        if random.unit() < commands.stand {
+            return;
+        }
+        let axis = (random.unit() < commands.single_axis).then(|| random.below(3));
+        for _ in 0..DRAWS {
+            self.command = [commands.vx, commands.vy, commands.wz].map(|[low, high]| random.between(low, high));
+            if let Some(axis) = axis {
+                (0..3).filter(|k| *k != axis).for_each(|k| self.command[k] = 0.0);
+            }
+            if self.command.iter().map(|x| x * x).sum::<f32>() >= commands.gap * commands.gap {
+                return;
+            }
+        }
     }
 
     /// Forgets the last episode.
@@ -86,5 +108,7 @@ impl Walker {
         for list in [&mut self.action, &mut self.action_before, &mut self.dq, &mut self.air, &mut self.peak] {
             list.fill(0.0);
         }
+        [&mut self.stance, &mut self.sinking].into_iter().for_each(|list| list.fill(0.0));
+        self.duty.fill(1.0);
     }
 }

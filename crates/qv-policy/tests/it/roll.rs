@@ -1,8 +1,9 @@
 //! Descriptions, observations and rolls.
 
 use crate::facts::States;
+use qv_policy::gait::{GaitMeter, GaitScale};
 use qv_policy::roll::{Description, Numbers, Observer, RobotState, RollError, roll};
-use qv_sim::{Batch, Model, ModelOptions, SimOptions, State, Terrain};
+use qv_sim::{Batch, Model, ModelOptions, Shape, SimOptions, State, Terrain};
 use std::path::{Path, PathBuf};
 
 const FILES: [&str; 3] = ["rl_sar_go2", "dls_go2", "playground_go1"];
@@ -70,6 +71,17 @@ fn action_zero_stands() {
         assert_eq!((rolled.time.len(), rolled.observations.len()), (101, 100));
         let end = rolled.base.last().unwrap();
         assert!(end[0].hypot(end[1]) < 0.03 && end[2] > 0.2 && end[3] > 0.999, "{name}: {end:?}");
+        // By the measures of gaits it stands on all feet, and a command to move finds it without a swing.
+        let is_foot = |g: &usize| matches!(model.geoms[*g].shape, Shape::Sphere(_));
+        let feet: Vec<usize> = (0..model.geoms.len()).filter(is_foot).collect();
+        let efforts = vec![Some(20.0); 12];
+        let scale = GaitScale { dt: 1.0 / description.rate as f32, mass: model.mass() as f32, height: 0.3, efforts };
+        let mut meter = GaitMeter::new(&scale, feet.len());
+        rolled.measure([0.0; 3], &feet, &mut meter);
+        rolled.measure([0.5, 0.0, 0.0], &feet, &mut meter);
+        let gait = meter.gait();
+        assert_eq!((feet.len(), gait.stand, gait.fell), (4, Some(1.0), 0), "{name}: {gait:?}");
+        assert!((gait.velocity_error.unwrap() - 0.5).abs() < 0.02 && gait.feet[0].swing.is_none(), "{name}: {gait:?}");
         // It carries its weight: knees bear torque, and their springs are stretched by it.
         let (torques, joints) = (rolled.torques.last().unwrap(), rolled.joints.last().unwrap());
         for k in (0..12).filter(|&k| description.joints[k].contains("calf")) {

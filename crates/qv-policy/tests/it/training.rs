@@ -120,8 +120,7 @@ fn what_is_not_finite_stops_a_training_with_its_name() {
 #[test]
 fn settings_that_mean_nothing_are_named() {
     type Change = fn(&mut TrainSettings);
-    let changes: [(Change, &str); 12] = [
-        (|s| s.task.reward.least = f32::NEG_INFINITY, "task.reward.least"),
+    let changes: [(Change, &str); 11] = [
         (|s| s.task.reward.fall = f32::NAN, "task.reward.fall"),
         (|s| s.task.noise.gyro = -1.0, "half widths"),
         (|s| s.score_seconds = 1.01, "score_seconds"),
@@ -142,6 +141,43 @@ fn settings_that_mean_nothing_are_named() {
     }
     let error = Ground::bumps(3.0, 0).map(|_| ()).unwrap_err().to_string();
     assert!(error.states("height") && error.contains('3'), "{error}");
+}
+
+#[test]
+fn the_mirror_of_a_stand_is_that_stand_under_the_mirrored_command() {
+    let see = |command: [f32; 3]| {
+        let mut task = VelocityTask::new(go2(), Ground::plane(), TaskSettings::default(), 1).unwrap();
+        task.judged = true;
+        task.restart(0, 0).unwrap();
+        task.command(0, command);
+        let (mut seen, mut known) = (vec![0.0; task.observations()], vec![0.0; task.privileged()]);
+        task.observe(&mut seen, &mut known);
+        (seen, known, task.symmetry().unwrap())
+    };
+    let (seen, known, symmetry) = see([0.5, 0.2, 0.3]);
+    let (left_seen, left_known, _) = see([0.5, -0.2, -0.3]);
+    for (map, row, expected) in
+        [(&symmetry.observation, &seen, &left_seen), (&symmetry.privileged, &known, &left_known)]
+    {
+        assert_eq!(map.index.len(), row.len());
+        let mut image = vec![0.0; row.len()];
+        map.apply(row, &mut image);
+        let off = image.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(off < 1e-4, "{off}");
+    }
+    // A lop-sided robot has no images.
+    let mut robot = go2();
+    robot.kp[0] *= 1.5;
+    let task = VelocityTask::new(robot, Ground::plane(), TaskSettings::default(), 1).unwrap();
+    assert!(task.symmetry().is_none());
+}
+
+#[test]
+fn settings_of_an_earlier_version_are_read_and_unknown_ones_named() {
+    let (settings, removed) = TrainSettings::parse("[task.reward]\nair = 8.0\nleast = -0.2\nstill = 1.5\n").unwrap();
+    assert_eq!((settings.task.reward.still, removed), (1.5, vec!["air", "least"]));
+    let error = TrainSettings::parse("[task.reward]\nstil = 1.5\n").unwrap_err().to_string();
+    assert!(error.contains("stil") && error.contains("still"), "{error}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use qv_sealed::{
 use std::io::Cursor;
 
 fn made(engine: EngineChoice, wanted: FaultRequest, seed: u64) -> ValidRecording {
-    qv_sealed::make(&Request { engine, wanted, motion: Motion::Mixed, down_to_unseen: false }, seed).unwrap()
+    qv_sealed::make(&Request::mixed(engine, wanted), seed).unwrap()
 }
 
 fn single(effect: &str) -> FaultRequest {
@@ -70,12 +70,7 @@ fn the_same_seed_gives_the_same_recording() {
     assert_eq!(first, again);
     assert_ne!(first.drawn.recipe, other.drawn.recipe);
     assert_ne!(first.messages, other.messages);
-    let request = Request {
-        engine: EngineChoice::Ours,
-        wanted: single("motor_strength"),
-        motion: Motion::Mixed,
-        down_to_unseen: false,
-    };
+    let request = Request::mixed(EngineChoice::Ours, single("motor_strength"));
     let redraws = first.rejected.len() as u64;
     assert_eq!(qv_sealed::redraw(&request, 5, redraws).unwrap(), first.drawn);
     let span = run(&first.messages).span();
@@ -142,12 +137,7 @@ fn each_withheld_effect_shows_and_is_logged_as_the_robot_would() {
 #[test]
 fn what_is_asked_for_is_checked() {
     for wanted in [single("motor_strenght"), FaultRequest::Withheld("payload_mass".into())] {
-        let error = qv_sealed::make(
-            &Request { engine: EngineChoice::Ours, wanted, motion: Motion::Mixed, down_to_unseen: false },
-            1,
-        )
-        .unwrap_err()
-        .to_string();
+        let error = qv_sealed::make(&Request::mixed(EngineChoice::Ours, wanted), 1).unwrap_err().to_string();
         assert!(error.contains("motor_strength") || error.contains("tether"), "{error}");
     }
 }
@@ -208,12 +198,7 @@ mod in_the_second_engine {
 #[cfg(not(feature = "rapier"))]
 #[test]
 fn an_engine_that_is_not_built_in_is_named() {
-    let request = Request {
-        engine: EngineChoice::Second,
-        wanted: FaultRequest::Nothing,
-        motion: Motion::Mixed,
-        down_to_unseen: false,
-    };
+    let request = Request::mixed(EngineChoice::Second, FaultRequest::Nothing);
     assert!(qv_sealed::make(&request, 1).unwrap_err().to_string().contains("rapier"));
     let ours = made(EngineChoice::Ours, FaultRequest::Nothing, 1).drawn.recipe;
     assert!(matches!(ours.engine, Engine::Ours { .. }));

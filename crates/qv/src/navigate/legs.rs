@@ -24,7 +24,7 @@ pub struct LegsArguments {
     #[arg(long, value_name = "POLICY.onnx")]
     walk: Option<PathBuf>,
     /// The robot that walks: go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml", requires = "walk")]
+    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE", requires = "walk")]
     robot: String,
     /// What the simulator lacks: calibrated.toml of a diagnosis, or compensator.json of `qv tune`
     #[arg(long, value_name = "FILE", requires = "walk", alias = "correction")]

@@ -34,8 +34,8 @@ pub struct Tune {
     /// policy.onnx of `qv walk train`, with policy.toml and checkpoint.bin beside it
     #[arg(long, value_name = "FILE.onnx")]
     policy: PathBuf,
-    /// go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
+    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
     robot: String,
     /// Where it walked
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]

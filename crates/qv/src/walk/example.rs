@@ -22,6 +22,7 @@ pub fn made_up(steps: usize) -> WalkTrace {
         foot_radii: robot.feet.iter().map(|&g| robot.foot_radius(g)).collect(),
         efforts: robot.model.joints.iter().map(|j| Some(j.effort as f32)).collect(),
         mass: robot.model.mass() as f32,
+        height: robot.height,
         ..Default::default()
     };
     for k in 0..steps {
@@ -47,6 +48,7 @@ pub fn made_up(steps: usize) -> WalkTrace {
         played.torques.push((0..robot.joints()).map(|j| 5.0 * (2.0 * TAU * time + j as f32).sin()).collect());
         played.targets.push(q[7..].iter().map(|a| a - 0.1).collect());
         played.foot_forces.push((0..4).map(|foot| if phase(foot) < 13 { 75.0 } else { 0.0 }).collect());
+        played.foot_peaks.push((0..4).map(|foot| if phase(foot) < 13 { 75.0 } else { 0.0 }).collect());
         played.foot_heights.push((0..4).map(height).collect());
         played.foot_positions.push(robot.feet.iter().enumerate().map(centre).collect());
         played.link_positions.push(links.iter().map(|p| p.position.to_array().map(|x| x as f32)).collect());

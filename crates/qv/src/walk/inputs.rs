@@ -8,36 +8,53 @@ use qv_open::included;
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
 use qv_policy::train::Checkpoint;
-use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
+use qv_policy::velocity::{Ground, RobotFile, TaskRobot, known_robot};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// The robot that `--robot` names: go2, or a TOML file beside its URDF.
+/// A robot that a TOML file or a bare model describes, as text, with the folder that its other files lie in.
+struct RobotText {
+    file: RobotFile,
+    /// What names it.
+    path: PathBuf,
+    model: String,
+}
+
+/// Reads what `--robot` names, unless it is the Go2.
+fn robot_text(name: &str) -> Result<RobotText, Failure> {
+    let path = PathBuf::from(name);
+    if let Some((file, model)) = known_robot(name) {
+        return Ok(RobotText { file: RobotFile::parse(file)?, path, model: model.into() });
+    }
+    let expected = "go2, go1, a1, a2, anymal_c, a URDF or MJCF, or a .toml file that describes a robot";
+    let text = fs::read_to_string(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?;
+    if path.extension().is_none_or(|ending| ending != "toml") {
+        return Ok(RobotText { file: RobotFile::bare(name), path, model: text });
+    }
+    let file = RobotFile::parse(&text).map_err(|e| file_error(&path, expected, &e.to_string()))?;
+    let model = path.parent().unwrap_or(Path::new("")).join(&file.urdf);
+    let text =
+        fs::read_to_string(&model).map_err(|e| file_error(&model, "the robot's URDF or MJCF", &e.to_string()))?;
+    Ok(RobotText { file, path, model: text })
+}
+
+/// The robot that `--robot` names: one of the list, a URDF or MJCF, or a TOML file beside one.
 pub fn robot_of(name: &str) -> Result<TaskRobot, Failure> {
     if name == "go2" {
         return Ok(qv_go2::walk::robot()?);
     }
-    let path = Path::new(name);
-    let expected = "go2, or a .toml file that describes a robot";
-    let text = fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
-    let file = RobotFile::parse(&text).map_err(|e| file_error(path, expected, &e.to_string()))?;
+    let RobotText { file, path, model } = robot_text(name)?;
     let beside = path.parent().unwrap_or(Path::new(""));
-    let model = beside.join(&file.urdf);
-    let text =
-        fs::read_to_string(&model).map_err(|e| file_error(&model, "the robot's URDF or MJCF", &e.to_string()))?;
-    let robot = file.robot_with(&text, &|name: &str| included(beside, name));
-    Ok(robot.map_err(|e| file_error(path, "a robot that fits its model", &e.to_string()))?)
+    let robot = file.robot_with(&model, &|name: &str| included(beside, name));
+    Ok(robot.map_err(|e| file_error(&path, "a robot that fits its model", &e.to_string()))?)
 }
 
-/// The text of the URDF of the robot that `--robot` names.
+/// The text of the URDF or MJCF of the robot that `--robot` names.
 pub fn urdf_of(name: &str) -> Result<String, Failure> {
-    if name == "go2" {
-        return Ok(qv_go2::model::urdf_with_shapes());
+    match name {
+        "go2" => Ok(qv_go2::model::urdf_with_shapes()),
+        _ => Ok(robot_text(name)?.model),
     }
-    let path = Path::new(name);
-    let text = fs::read_to_string(path).map_err(|e| file_error(path, "a robot file", &e.to_string()))?;
-    let urdf = path.parent().unwrap_or(Path::new("")).join(RobotFile::parse(&text)?.urdf);
-    Ok(fs::read_to_string(&urdf).map_err(|e| file_error(&urdf, "the robot's URDF", &e.to_string()))?)
 }
 
 /// Height of bumps \[m\], slope \[rad\] and steps \[m\] of the grounds that need no file: what issue-free outdoor ground has at most.

@@ -22,8 +22,8 @@ pub enum Effects {
 /// Which robot, and where.
 #[derive(clap::Args)]
 pub struct MadeUp {
-    /// go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
+    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
     pub robot: String,
     /// Where it walks
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]

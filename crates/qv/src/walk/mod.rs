@@ -5,6 +5,7 @@ mod around;
 mod example;
 pub mod inputs;
 mod made_up;
+mod others;
 mod page;
 mod paths;
 mod play;
@@ -17,12 +18,12 @@ pub mod trial;
 
 use crate::{Failure, Outcome};
 
-pub const EXAMPLE: &str = "Example:\n  qv walk train --out out/walk            a Go2 learns to follow velocity commands, in half a minute\n  \
+pub const EXAMPLE: &str = "Example:\n  qv walk train --out out/walk            a Go2 learns to follow velocity commands, in a minute\n  \
     qv walk score out/walk/policy.onnx      how well, on fixed commands\n  \
     qv walk play out/walk/policy.onnx --out out/play   a recording for Foxglove and a page\n\n\
     policy.onnx takes what a robot's own sensors report, in SI units, and gives joint targets in radians; policy.toml beside it has\n\
     rate, gains and order. docs/walking.md describes the rest.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 the robot does not walk after its training.";
 
 #[derive(clap::Args)]
 pub struct Walk {

@@ -23,8 +23,8 @@ pub const SHOWN: [(f32, [f32; 3]); 5] = [
 pub struct Play {
     /// policy.onnx of `qv walk train`, with policy.toml beside it
     policy: PathBuf,
-    /// go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
+    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
     robot: String,
     /// Where it walks
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]

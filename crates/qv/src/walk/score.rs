@@ -1,18 +1,23 @@
 //! `qv walk score`.
 
 use super::inputs::{as_trained, ground_of, policy_of, range, robot_of};
+use crate::open::parameters_of;
 use crate::{Failure, Outcome, say};
+use qv_policy::gait::{Check, verdict};
 use qv_policy::policy::OnnxDecision;
-use qv_policy::score::{Score, score};
+use qv_policy::score::{GAIT_ROBOTS, Score, judge_gait, score};
 use qv_policy::velocity::{TaskSettings, VelocityTask};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct ScoreArguments {
     /// policy.onnx of `qv walk train`, with policy.toml beside it
     policy: PathBuf,
-    /// go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    /// What a policy of somebody else sees and what its actions mean (docs/walking.md): it is judged by its gait
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["vx", "vy", "wz", "substeps", "robust", "robots"])]
+    description: Option<PathBuf>,
+    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
+    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
     robot: String,
     /// Where it walks
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
@@ -38,6 +43,9 @@ pub struct ScoreArguments {
     /// Robots differ as in a training with --robust (friction, mass, gains, latency, encoders), and are pushed
     #[arg(long)]
     robust: bool,
+    /// What a diagnosis, a calibration of contact or a tuning found of the robot (calibrated.toml): it is scored on that robot
+    #[arg(long, value_name = "FILE.toml")]
+    params: Option<PathBuf>,
     /// Seed of the commands
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
@@ -48,6 +56,9 @@ pub struct ScoreArguments {
 
 impl ScoreArguments {
     pub fn execute(&self) -> Result<Outcome, Failure> {
+        if let Some(description) = &self.description {
+            return self.judge_others(description);
+        }
         let (mut policy, file) = policy_of(&self.policy)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
         let ground = ground_of(&self.ground, self.seed)?;
@@ -60,24 +71,80 @@ impl ScoreArguments {
         if self.robust {
             settings.randomise = qv_policy::velocity::Randomise::robust(&robot.model.links[0].name);
         }
+        if self.params.is_some() {
+            let found = parameters_of(self.params.as_deref(), &robot.model, &ground.terrain)?;
+            settings.parameters = found.into_iter().collect();
+        }
         let mut commands = file.commands.clone();
         for (given, range) in [(self.vx, &mut commands.vx), (self.vy, &mut commands.vy), (self.wz, &mut commands.wz)] {
             *range = given.unwrap_or(*range);
         }
-        let mut task = VelocityTask::new(robot.clone(), ground, settings, self.robots as usize)?;
+        let mut task = VelocityTask::new(robot.clone(), ground.clone(), settings.clone(), self.robots as usize)?;
         task.varied = self.robust;
-        let decision = OnnxDecision { policy: &mut policy, robot: &robot };
-        let found = score(decision, &mut task, &commands, self.seconds as f32, self.seed)?;
+        let mut decision = OnnxDecision { policy: &mut policy, robot: &robot };
+        let mut found = score(&mut decision, &mut task, &commands, self.seconds as f32, self.seed)?;
+        let mut task = VelocityTask::new(robot.clone(), ground, settings, GAIT_ROBOTS)?;
+        task.varied = self.robust;
+        let gait = judge_gait(&mut decision, &mut task, &commands, self.seconds as f32, self.seed)?;
+        let names: Vec<String> = robot.feet.iter().map(|&g| robot.model.geoms[g].name.clone()).collect();
+        let checks = gait.checks(&names);
+        found.gait = Some(gait);
         match self.json {
             true => {
                 let mut line = serde_json::to_value(&found)?;
-                line["format"] = "qv-walk-score/1".into();
+                line["format"] = "qv-walk-score/2".into();
+                line["checks"] = checks.iter().map(row).collect();
+                line["verdict"] = verdict(&checks).into();
                 say(&format!("{line}\n"))?
             }
-            false => say(&format!("{}\n", sentence(&found)))?,
+            false => say(&format!("{}\n{}\n", sentence(&found), table(&checks)))?,
         }
         Ok(Outcome::Done)
     }
+}
+
+impl ScoreArguments {
+    fn judge_others(&self, description: &Path) -> Result<Outcome, Failure> {
+        let robot = robot_of(&self.robot)?;
+        let ground = ground_of(&self.ground, self.seed)?;
+        let found = match &self.params {
+            Some(file) => parameters_of(Some(file), &robot.model, &ground.terrain)?,
+            None => Vec::new(),
+        };
+        let gait = super::others::judge([&self.policy, description], &robot, &ground, &found, self.seconds)?;
+        let names: Vec<String> = robot.feet.iter().map(|&g| robot.model.geoms[g].name.clone()).collect();
+        let checks = gait.checks(&names);
+        if self.json {
+            let rows: Vec<serde_json::Value> = checks.iter().map(row).collect();
+            let line = serde_json::json!({
+                "format": "qv-walk-score/2", "gait": gait, "checks": rows, "verdict": verdict(&checks),
+            });
+            say(&format!("{line}\n"))?;
+        } else {
+            say(&format!("{}\n", table(&checks)))?;
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+/// A check for JSON; a bound that is not there is null.
+fn row(check: &Check) -> serde_json::Value {
+    let bound = check.bound.map(|x| x.is_finite().then_some(x));
+    serde_json::json!({
+        "quantity": check.quantity, "value": check.value, "bound": bound, "unit": check.unit, "source": check.source,
+        "passes": check.passes(),
+    })
+}
+
+/// Each figure of a gait against its bound, and the verdict.
+pub fn table(checks: &[Check]) -> String {
+    let mut text = String::new();
+    for check in checks {
+        let value = check.value.map_or("not measured".into(), |x| format!("{x:.2}"));
+        let verdict = if check.passes() { "pass" } else { "FAIL" };
+        text += &format!("  {verdict}  {:32} {value:>12} {:14} {}\n", check.quantity, check.bound_text(), check.unit);
+    }
+    text + &verdict(checks)
 }
 
 /// A score in words.
@@ -93,4 +160,25 @@ pub fn sentence(score: &Score) -> String {
         score.swing_time,
         100.0 * score.swing_height
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use qv_policy::gait::{FootGait, Gait};
+
+    #[test]
+    fn a_limp_fails_with_its_figure() {
+        let foot = |duty: f32| FootGait { duty, swing: Some(0.3), touchdown: Some(1.0) };
+        let gait = Gait {
+            feet: vec![foot(0.2), foot(0.6)],
+            duty_spread: Some(0.4),
+            mass: 15.0,
+            height: 0.32,
+            ..Gait::default()
+        };
+        let text = table(&gait.checks(&["a".into(), "b".into()]));
+        assert!(text.contains("FAIL  duty factor of a") && text.contains("pass  duty factor of b"), "{text}");
+        assert!(text.ends_with(')') && text.contains("no, because"), "{text}");
+    }
 }

@@ -7,9 +7,11 @@ use crate::progress::remark;
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say};
 use indicatif::{ProgressBar, ProgressStyle};
+use qv_policy::gait::verdict;
 use qv_policy::play::play;
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::Score;
+use qv_policy::stand::StandReport;
 use qv_policy::train::{Checkpoint, Line, TrainSettings, Training};
 use qv_policy::velocity::{Ground, Randomise, TaskRobot, VelocityTask};
 use std::fs;
@@ -26,13 +28,13 @@ const SAVE_EVERY: Duration = Duration::from_secs(30);
 
 #[derive(clap::Args)]
 pub struct Train {
-    /// go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
+    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
     robot: String,
     /// plane; bumps of 4 cm; levels (slopes up to 15 degrees, stairs up to 10 cm, bumps); or a mesh that `qv mesh` made
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
     ground: String,
-    /// Iterations; each is 24 steps of all robots. Default: 400 on the plane, 800 on bumps and meshes or with --robust, 3000 on levels
+    /// Iterations; each is 24 steps of all robots. Default: 900 on the plane, 1200 on bumps and meshes or with --robust, 3000 on levels
     #[arg(long, value_name = "N")]
     iterations: Option<u64>,
     /// Stop after so many seconds, if that comes first
@@ -106,6 +108,10 @@ impl Train {
             Some(file) => self.around(file, &robot, &ground, settings)?,
             None => settings,
         };
+        check_stand(&robot)?;
+        if let Some(reason) = robot.mirror().err().filter(|_| settings.ppo.symmetry_epochs > 0) {
+            remark(&format!("mirror images are off: {reason}"));
+        }
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
         // Errors of the command line stay on their thread: this one crosses as its text.
@@ -131,7 +137,12 @@ impl Train {
             Some(path) => {
                 let expected = "settings of a training";
                 let text = fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
-                toml::from_str(&text).map_err(|e| file_error(path, expected, &e.to_string()))?
+                let (settings, removed) =
+                    TrainSettings::parse(&text).map_err(|e| file_error(path, expected, &e.to_string()))?;
+                if !removed.is_empty() {
+                    remark(&format!("{}: ignored keys of an earlier version: {}", path.display(), removed.join(", ")));
+                }
+                settings
             }
         };
         if self.robust {
@@ -168,8 +179,8 @@ impl Train {
     fn iterations(&self) -> u64 {
         self.iterations.unwrap_or(match self.ground.as_str() {
             "levels" => 3000,
-            "plane" if !self.robust => 400,
-            _ => 800,
+            "plane" if !self.robust => 900,
+            _ => 1200,
         })
     }
 
@@ -228,24 +239,30 @@ impl Train {
         let played = play(&policy, &mut task, &super::play::SHOWN, 12.0, settings.seed)?;
         put("walk.html", super::page::page(&self.title(), &done.lines, Some(&score), &played, &file).as_bytes())?;
         super::recording::write_recording(&self.out.join("replay.mcap"), &played, &urdf_of(&self.robot)?)?;
+        let is_trial = training.ppo().iterations < TRIAL;
+        let outcome = if is_trial || walks(&score, &file) { Outcome::Done } else { Outcome::Partial };
+        if matches!(outcome, Outcome::Partial) {
+            print_message!("{TO_WALK}");
+        }
         if self.json {
             let line = serde_json::json!({
                 "format": "qv-walk-train/1", "score": score, "iterations": training.ppo().iterations, "seconds": done.seconds,
                 "samples": done.lines.last().map_or(0, |l| l.samples), "checkpoint": training.ppo().iterations, "out": self.out,
             });
             say(&format!("{line}\n"))?;
-            return Ok(Outcome::Done);
+            return Ok(outcome);
         }
         say(&format!(
-            "{}\n{} iterations, {:.2} million samples in {:.0} s; written to {} (checkpoint.bin: iteration {})\n",
+            "{}\n{}\n{} iterations, {:.2} million samples in {:.0} s; written to {} (checkpoint.bin: iteration {})\n",
             super::score::sentence(&score),
+            score.gait.as_ref().map_or_else(String::new, |gait| verdict(&gait.checks(&played.feet))),
             training.ppo().iterations,
             done.lines.last().map_or(0.0, |l| l.samples as f64 / 1e6),
             done.seconds,
             self.out.display(),
             training.ppo().iterations
         ))?;
-        Ok(Outcome::Done)
+        Ok(outcome)
     }
 
     /// All lines of the training, those before it was taken up again among them.
@@ -368,6 +385,43 @@ impl Train {
         Ok(Outcome::Done)
     }
 }
+
+/// Reports how a robot stands under its gains, and refuses one that does not.
+fn check_stand(robot: &TaskRobot) -> Result<(), Failure> {
+    let report = StandReport::of(robot)?;
+    let reserve = report.reserve.map_or("unknown".into(), |reserve| format!("{reserve:.1}"));
+    let ends = |list: &[f32]| {
+        let [low, high] = [list.iter().copied().fold(f32::MAX, f32::min), list.iter().copied().fold(0.0, f32::max)];
+        if low == high { format!("{low:.3}") } else { format!("{low:.3} to {high:.3}") }
+    };
+    remark(&format!(
+        "{}: base {:.2} m high, kp {} N m/rad, kd {} N m s/rad, action scale {} rad; it stands with a torque reserve of {reserve}",
+        robot.name,
+        robot.height,
+        ends(&robot.kp),
+        ends(&robot.kd),
+        ends(&robot.action_scale)
+    ));
+    Ok(report.check()?)
+}
+
+/// Iterations below which a training is a trial of the command, of which nobody expects a walk.
+const TRIAL: u64 = 400;
+/// Most share of robots that fall, and most error in speeds that were asked for, of a policy that walks.
+const MOST_FALLS: f32 = 0.1;
+const MOST_ERROR: f32 = 0.6;
+
+/// Whether a score is that of a robot that walks: it follows its commands better than one that stands.
+fn walks(score: &Score, file: &PolicyFile) -> bool {
+    let reach = |[low, high]: [f32; 2]| 0.25 * (high - low).max(low.abs() + high.abs());
+    let asked = reach(file.commands.vx).hypot(reach(file.commands.vy));
+    let moves = asked == 0.0 || score.velocity_error < MOST_ERROR * asked.max(0.1);
+    moves && (score.fell as f32) <= MOST_FALLS * score.robots as f32
+}
+
+/// What to change about a training that did not end in a walk.
+const TO_WALK: &str = "the robot does not walk after this training: try another --seed, more --iterations, a smaller range of commands \
+    (--vx 0,0.5 --vy 0,0 --wz -0.5,0.5), or in a robot file a lower `action_scale`, a stand with straighter legs, other gains";
 
 struct MetricsLog {
     lines: Vec<Line>,

@@ -1,6 +1,6 @@
 //! What a play says about a gait, in numbers.
 
-use qv_core::GRAVITY;
+use qv_policy::gait::Gait;
 use qv_policy::play::WalkTrace;
 use qv_policy::velocity::Noise;
 
@@ -18,8 +18,6 @@ pub struct Swing {
 pub struct Foot {
     /// Whole swings. A single decision without force is a bounce and no swing.
     pub swings: Vec<Swing>,
-    /// Share of time on the ground; `None` where no command said: move.
-    pub duty: Option<f32>,
     /// Greatest force of the ground, upwards \[N\].
     pub force: f32,
 }
@@ -63,10 +61,8 @@ pub struct Measures {
     pub stretches: Vec<Stretch>,
     /// Sum of the errors as a share of what they were if the robot stood still; `None` where nothing was commanded.
     pub off: Option<f32>,
-    /// Mechanical cost of transport, see [`transport`]; `None` for less than a metre.
-    pub transport: Option<f32>,
-    /// Share of the time with all feet on the ground where the command says: stand; without the first second of such a command.
-    pub stands: Option<f32>,
+    /// How it walks and stands in this play.
+    pub gait: Gait,
     /// Share of joint targets that zigzag, see [`zigzag`].
     pub zigzag: f32,
 }
@@ -79,8 +75,7 @@ impl Measures {
             joints: (0..played.joints.len()).map(|joint| of_joint(played, joint)).collect(),
             off: off(&stretches),
             stretches,
-            transport: transport(played),
-            stands: stands(played),
+            gait: played.gait(),
             zigzag: zigzag(played),
         }
     }
@@ -124,8 +119,7 @@ fn of_foot(played: &WalkTrace, foot: usize) -> Foot {
         }
     }
     let force = played.foot_forces.iter().map(|f| f[foot]).fold(0.0, f32::max);
-    let moving = (0..played.foot_forces.len()).filter(|&step| moves(step));
-    Foot { swings, duty: mean(moving.map(|step| f32::from(u8::from(on(step))))), force }
+    Foot { swings, force }
 }
 
 fn of_joint(played: &WalkTrace, joint: usize) -> Joint {
@@ -164,15 +158,6 @@ fn stretches(played: &WalkTrace) -> Vec<Stretch> {
     out
 }
 
-fn stands(played: &WalkTrace) -> Option<f32> {
-    let mut still = 0;
-    let settled = played.commands.iter().enumerate().filter_map(|(step, command)| {
-        still = if *command == [0.0; 3] { still + 1 } else { 0 };
-        (still > played.rate as usize).then_some(step)
-    });
-    mean(settled.map(|step| f32::from(u8::from(played.foot_forces[step].iter().all(|force| *force > 0.0)))))
-}
-
 /// Errors beside those of a robot that stands still, which are the commands; a turning rate in rad/s counts as a speed in m/s, as in
 /// `Score::cost`.
 fn off(stretches: &[Stretch]) -> Option<f32> {
@@ -183,20 +168,6 @@ fn off(stretches: &[Stretch]) -> Option<f32> {
     });
     let (error, asked) = known.fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
     (asked > 0.0).then(|| error / asked)
-}
-
-/// Work of the joints, `sum |torque x speed| dt`, by weight and way (Tucker 1975): nothing comes back from braking, heat in the windings
-/// is left out. The way is that of the base, a chord for each second, so that swaying is no way.
-fn transport(played: &WalkTrace) -> Option<f32> {
-    let power =
-        |(torques, speeds): (&Vec<f32>, &Vec<f32>)| torques.iter().zip(speeds).map(|(t, w)| (t * w).abs()).sum::<f32>();
-    let work: f32 = played.torques.iter().zip(&played.dq).map(power).sum::<f32>() / played.rate;
-    let last = played.q.last().map(|q| [q[0], q[1]]);
-    let seconds = (played.rate as usize).max(1);
-    let places: Vec<[f32; 2]> = played.q.iter().step_by(seconds).map(|q| [q[0], q[1]]).chain(last).collect();
-    let way: f32 = places.windows(2).map(|w| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1])).sum();
-    let cost = work / (played.mass * GRAVITY as f32 * way);
-    (way > 1.0 && cost.is_finite()).then_some(cost)
 }
 
 /// Share of joint targets that turned back three times in a row, by more than the encoders' noise of training each time. Independent
@@ -223,20 +194,18 @@ mod tests {
         for foot in &measures.feet {
             assert!(foot.swings.len() >= 18 && foot.swings.iter().all(|s| (s.time - 0.24).abs() < 1e-4));
             assert!(foot.swings.iter().all(|s| (s.height - 0.05).abs() < 1e-3));
-            assert!((foot.duty.unwrap() - 0.52).abs() < 0.02 && foot.force == 75.0);
+            assert_eq!(foot.force, 75.0);
         }
+        assert!(measures.gait.feet.iter().all(|foot| (foot.duty - 0.52).abs() < 0.02));
         let stretch = measures.stretches[0];
         assert!((measures.stretches.len() == 1) && (stretch.to - 10.0).abs() < 1e-4);
         let [v, w] = stretch.error.unwrap();
         assert!((v - 0.02f32.hypot(0.01)).abs() < 1e-4 && (w - 0.02).abs() < 1e-4);
-        // 12 joints, mean of 5 |sin| N m at 1 rad/s, 0.5 m/s.
-        let wanted = 12.0 * 5.0 * 2.0 / std::f32::consts::PI / (made_up(1).mass * GRAVITY as f32 * 0.5);
-        assert!((measures.transport.unwrap() / wanted - 1.0).abs() < 0.02);
         let joint = measures.joints[0];
         assert!((joint.high - 5.0).abs() < 0.05 && joint.limit == Some(23.7));
         // Amplitude x angular frequency / sqrt 2, a little less as a difference over 0.02 s.
         assert!((joint.change / (5.0 * 4.0 * std::f32::consts::PI / 2f32.sqrt()) - 1.0).abs() < 0.02);
-        assert_eq!((measures.zigzag, measures.stands), (0.0, None));
+        assert_eq!((measures.zigzag, measures.gait.stand), (0.0, None));
     }
 
     #[test]
@@ -244,13 +213,8 @@ mod tests {
         let mut played = made_up(100);
         played.targets.iter_mut().enumerate().for_each(|(k, t)| t.fill(if k % 2 == 0 { 0.1 } else { -0.1 }));
         assert_eq!(Measures::new(&played).zigzag, 1.0);
-        played.commands.iter_mut().skip(10).for_each(|command| *command = [0.0; 3]);
-        // Of a cycle of 25 decisions, all feet are on the ground in one.
-        assert!(Measures::new(&played).stands.unwrap() < 0.1);
-        played.foot_forces.iter_mut().skip(60).for_each(|forces| forces.fill(40.0));
-        assert_eq!(Measures::new(&played).stands, Some(1.0));
         let empty = Measures::new(&made_up(0));
-        assert!(empty.off.is_none() && empty.transport.is_none() && empty.swings().next().is_none());
-        assert!(empty.feet.iter().all(|f| f.duty.is_none()) && empty.joints.iter().all(|j| j.high == 0.0));
+        assert!(empty.off.is_none() && empty.gait.power.is_none() && empty.swings().next().is_none());
+        assert!(empty.gait.feet.is_empty() && empty.joints.iter().all(|j| j.high == 0.0));
     }
 }

@@ -13,6 +13,7 @@ mod words;
 use measures::{Measures, ends, mean};
 use qv_page::parts::{self, Mood, card, key};
 use qv_page::{Page, Table, escape, fixed, script_data};
+use qv_policy::gait::{Check, Gait};
 use qv_policy::play::WalkTrace;
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::Score;
@@ -22,10 +23,14 @@ use std::fmt::Write;
 const STYLE: &str = include_str!("style.css");
 const VIEW: &str = include_str!("view.js");
 
-/// The page. `lines` are those of the training, none where it is not known; `score` is that of the policy.
+/// The page. `lines` are those of the training, none where it is not known; `score` is that of the policy. The gait is that of the score,
+/// where it has one, else that of the play.
 pub fn page(title: &str, lines: &[Line], score: Option<&Score>, played: &WalkTrace, policy: &PolicyFile) -> String {
     let measures = Measures::new(played);
-    let mut text = said(&words::verdict(&policy.robot, score, played, &measures));
+    let gait = score.and_then(|score| score.gait.as_ref()).unwrap_or(&measures.gait);
+    let checks = gait.checks(&played.feet);
+    let mut text = said(&words::verdict(&policy.robot, score, played, &measures, &checks));
+    text += &gait_table(&checks, gait);
     if !played.q.is_empty() {
         text += &view(played);
     }
@@ -56,6 +61,25 @@ fn said(verdict: &words::Verdict) -> String {
     }
     _ = write!(text, "<p>Before it goes onto a robot:</p>{}", parts::list(&verdict.against));
     parts::verdict(Mood::Fair, "", &text)
+}
+
+/// Each figure of the gait against its bound.
+fn gait_table(checks: &[Check], gait: &Gait) -> String {
+    let mut table = Table::with_left(&["figure", "value", "bound", "verdict", "source"], &[3, 4]);
+    for check in checks {
+        let verdict = if check.passes() { "pass" } else { "fail" };
+        let value = format!("{} {}", number(check.value, 2), check.unit);
+        let bound = format!("{} {}", check.bound_text(), check.unit);
+        let cells = [escape(&check.quantity), value, escape(&bound), verdict.into(), escape(check.source)];
+        table.row(&cells);
+    }
+    let power = number(gait.power, 1);
+    let card = card(&format!(
+        "{}<p class=\"soft small\">Without noise, from rest; the first second after a change of command does not \
+         count. Touchdown: peak force within 0.1 s of a landing, looked for at each physics step. Mechanical power as it walks: {power} W.</p>",
+        table.to_html()
+    ));
+    format!("<h2>Gait against bounds</h2>{card}")
 }
 
 fn view(played: &WalkTrace) -> String {
@@ -111,7 +135,8 @@ fn feet_table(played: &WalkTrace, measures: &Measures) -> String {
         ],
         &["", "", "mean", "least", "most", "mean", "least", "most", "[%]", "[N]"],
     );
-    for (name, foot) in played.feet.iter().zip(&measures.feet) {
+    for (k, (name, foot)) in played.feet.iter().zip(&measures.feet).enumerate() {
+        let duty = measures.gait.feet.get(k).map(|foot| 100.0 * foot.duty);
         let times = || foot.swings.iter().map(|s| s.time);
         let heights = || foot.swings.iter().map(|s| 100.0 * s.height);
         let three = |mean: Option<f32>, ends: Option<[f32; 2]>, digits: usize| {
@@ -119,7 +144,7 @@ fn feet_table(played: &WalkTrace, measures: &Measures) -> String {
         };
         let (times, heights) = (three(mean(times()), ends(times()), 2), three(mean(heights()), ends(heights()), 1));
         let first = [escape(name), foot.swings.len().to_string()];
-        let last = [number(foot.duty.map(|d| 100.0 * d), 0), number(Some(foot.force), 0)];
+        let last = [number(duty, 0), number(Some(foot.force), 0)];
         table.row(&[&first[..], &times, &heights, &last].concat());
     }
     let slowest = 1.0 / played.rate;
@@ -128,7 +153,7 @@ fn feet_table(played: &WalkTrace, measures: &Measures) -> String {
          The robot weighs {:.0} N. Cost of transport: <b>{}</b> = sum over joints of |torque × speed|, by weight and way; no gain from braking, no heat of motors.</p>",
         table.to_html(),
         played.mass * qv_core::GRAVITY as f32,
-        number(measures.transport, 2)
+        number(measures.gait.transport, 2)
     ))
 }
 
