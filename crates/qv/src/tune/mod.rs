@@ -221,7 +221,7 @@ pub fn sentences(report: &Report) -> String {
         let held = &candidate.held_out;
         _ = writeln!(
             text,
-            "{:<24} joints are off by {:5.1} ± {:.1} mrad after {} s on held-out recordings{}",
+            "{:<33} joints are off by {:5.1} ± {:.1} mrad after {} s on held-out recordings{}",
             candidate.compensation.kind,
             1e3 * held.error,
             1e3 * held.error_se,
