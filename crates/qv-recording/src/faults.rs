@@ -8,6 +8,7 @@ use crate::run::{Clock, Fault, FaultKind, Run};
 use crate::{commanded, conventions};
 use qv_core::JointSeries;
 use qv_core::statistics::median;
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// A gap is longer than this many periods; a drop than one and a half.
@@ -27,6 +28,11 @@ pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
     {
         if let Some(series) = series {
             rotations(name, series, first, &mut faults);
+        }
+    }
+    for (channel, series) in [("position", &mut run.measured.position), ("commands", &mut run.commands.position)] {
+        if let Some(series) = series {
+            unwrap_turns(channel, series, &run.joint_names, &mut faults);
         }
     }
     if let Some(position) = &mut run.measured.position {
@@ -105,6 +111,36 @@ fn repeats(name: &str, series: &JointSeries, other: Option<&JointSeries>, faults
     }
     let detail = format!("{} samples repeat the one before in every joint", repeated.len());
     faults.push(fault(FaultKind::Repeat, name, series.time[repeated[0]], repeated.len(), detail));
+}
+
+/// Share of a turn by which a step may differ from a whole one: what the joint moves within a sample beside it.
+const NEAR_TURN: f64 = 0.1;
+
+/// Reads angles on beyond a turn where they start anew, as those of a continuous joint do whose driver keeps them within ±π
+/// (ros_controllers #274).
+fn unwrap_turns(channel: &str, series: &mut JointSeries, names: &[String], faults: &mut Vec<Fault>) {
+    for (joint, name) in names.iter().enumerate().take(series.joints) {
+        let (mut before, mut turns, mut found) = (None, 0.0, Vec::new());
+        for i in 0..series.len() {
+            let value = series.values[i * series.joints + joint];
+            if !value.is_finite() {
+                continue;
+            }
+            if let Some((last, time)) = before.replace((value, series.time[i])) {
+                let step: f64 = value - last;
+                let is_turn = (step.abs() / TAU - 1.0).abs() < NEAR_TURN;
+                if is_turn && step.abs() > FASTEST_JOINT * (series.time[i] - time) {
+                    turns -= step.signum();
+                    found.push(series.time[i]);
+                }
+            }
+            series.values[i * series.joints + joint] = value + TAU * turns;
+        }
+        if let Some(&first) = found.first() {
+            let detail = format!("{} steps of a whole turn within a sample: read on beyond a turn", found.len());
+            faults.push(fault(FaultKind::Jump, &format!("{channel} {name}"), first, found.len(), detail));
+        }
+    }
 }
 
 /// Turns single positions that no joint can reach and leave within a sample into gaps: an encoder's slip, which would
@@ -323,5 +359,34 @@ fn efforts(run: &Run, torque: &JointSeries, mapping: &Mapping, faults: &mut Vec<
             let name = format!("torque {}", run.joint_names[joint]);
             faults.push(fault(FaultKind::BeyondEffort, &name, torque.time[first], beyond.len(), detail));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unwrapped(angles: &[f64], interval: f64) -> (Vec<f64>, Vec<Fault>) {
+        let time = (0..angles.len()).map(|i| i as f64 * interval).collect();
+        let mut series = JointSeries { time, values: angles.to_vec(), joints: 1 };
+        let mut faults = Vec::new();
+        unwrap_turns("position", &mut series, &["wrist".into()], &mut faults);
+        (series.values, faults)
+    }
+
+    #[test]
+    fn angles_go_on_beyond_a_turn_and_slips_stay() {
+        let turning: Vec<f64> = (0..2000).map(|i| (0.005 * f64::from(i)).sin() * 7.0).collect();
+        let wrapped: Vec<f64> = turning.iter().map(|x| x - TAU * (x / TAU).round()).collect();
+        let (read, faults) = unwrapped(&wrapped, 0.002);
+        assert!(read.iter().zip(&turning).all(|(a, b)| (a - b).abs() < 1e-9));
+        assert_eq!((faults.len(), faults[0].kind, faults[0].channel.as_str()), (1, FaultKind::Jump, "position wrist"));
+        assert!(faults[0].detail.contains("steps of a whole turn"), "{}", faults[0].detail);
+        // An encoder that slips to -π for a sample, and steps between samples in which a joint can turn once.
+        let slipping = [0.2, 0.21, -3.1, 0.22, 0.23];
+        assert_eq!(unwrapped(&slipping, 0.002), (slipping.to_vec(), vec![]));
+        let slow = [3.0, -3.0, f64::NAN, 3.0];
+        let (read, faults) = unwrapped(&slow, 0.1);
+        assert!(read[1] == -3.0 && read[3] == 3.0 && faults.is_empty());
     }
 }

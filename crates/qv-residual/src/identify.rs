@@ -56,7 +56,7 @@ impl Coordinate {
     }
 }
 
-/// Prior standard deviations. Torques are measured by [`TaskRobot::torque_scale`]: a foot's share of the weight on a lever as long as the
+/// Prior standard deviations. Torques are measured by [`qv_policy::velocity::TaskRobot::torque_scale`]: a foot's share of the weight on a lever as long as the
 /// robot is high (11 N m for a Go2).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

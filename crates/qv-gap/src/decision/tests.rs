@@ -293,7 +293,7 @@ fn a_trifle_of_all_joints_is_no_cause_in_some_of_them() {
     let members = vec![0, 1, 3, 4, 6, 7];
     let whole = Candidate { size: 2.4, members, log_evidence: 900.0, ..part.clone() };
     let judged = |candidates: &[Candidate]| Judge::new(&policy, &round(candidates.to_vec(), &[]), true).judge();
-    assert_eq!(judged(&[part.clone()]).accused, [0]);
+    assert_eq!(judged(std::slice::from_ref(&part)).accused, [0]);
     assert_eq!(judged(&[whole.clone(), part.clone()]).accused, Vec::<usize>::new());
     let only_trifles = round(vec![whole.clone(), part.clone()], &[]);
     assert!(

@@ -48,9 +48,9 @@ impl Info {
         self.features.get(column).is_some()
     }
 
-    /// Names of a column's numbers, in one of the forms that writers give them, without LeRobot's `.pos`.
+    /// What a column's numbers are, in one of the forms in which writers name them; `None` without names.
     #[cfg(feature = "parquet")]
-    fn names(&self, column: &str) -> Option<Vec<String>> {
+    fn numbers(&self, column: &str) -> Option<Vec<NamedNumber>> {
         let mut names = self.features.get(column)?.get("names")?;
         // {"motors": [...]}, [[...]]
         for _ in 0..2 {
@@ -60,8 +60,65 @@ impl Info {
                 other => other,
             };
         }
-        let list = names.as_array()?;
-        list.iter().map(|name| name.as_str().map(|name| name.trim_end_matches(".pos").to_string())).collect()
+        names.as_array()?.iter().map(|name| name.as_str().map(NamedNumber::read)).collect()
+    }
+}
+
+/// A number of a row: LeRobot names it `shoulder_pan.pos`, others `shoulder_pan`.
+#[cfg(feature = "parquet")]
+#[derive(Debug, Clone, PartialEq)]
+struct NamedNumber {
+    joint: String,
+    /// Prefix of the table's columns; positions and commands are `pos.`.
+    prefix: &'static str,
+}
+
+#[cfg(feature = "parquet")]
+impl NamedNumber {
+    const ENDINGS: [(&'static str, &'static str); 5] =
+        [(".pos", "pos."), (".vel", "vel."), (".effort", "tau."), (".torque", "tau."), (".tau", "tau.")];
+
+    fn read(name: &str) -> Self {
+        let ending = Self::ENDINGS.iter().find_map(|(end, prefix)| Some((name.strip_suffix(end)?, *prefix)));
+        let (joint, prefix) = ending.unwrap_or((name, "pos."));
+        Self { joint: joint.to_string(), prefix }
+    }
+}
+
+/// For each joint, which number of a row of `column` is its own: by names where both columns have them, else by place. `joints` are the
+/// names of positions.
+///
+/// # Errors
+/// Names or numbers of some joints are missing; the error says which.
+#[cfg(feature = "parquet")]
+fn places(
+    prefix: &str,
+    numbers: Option<&[NamedNumber]>,
+    width: usize,
+    joints: Option<&[String]>,
+    count: usize,
+) -> Result<Vec<usize>, String> {
+    if let (Some(numbers), Some(joints)) = (numbers, joints) {
+        let own = if prefix == "cmd_pos." { "pos." } else { prefix };
+        let place = |joint: &String| {
+            let of = |prefix: &str| numbers.iter().position(|n| n.joint == *joint && n.prefix == prefix);
+            // A column of velocities may name its numbers as the joints.
+            of(own).or_else(|| of("pos."))
+        };
+        let found: Vec<Option<usize>> = joints.iter().map(place).collect();
+        if let Some(all) = found.iter().copied().collect::<Option<Vec<usize>>>() {
+            return Ok(all);
+        }
+        if found.iter().any(Option::is_some) {
+            let missing: Vec<&str> =
+                joints.iter().zip(&found).filter(|(_, at)| at.is_none()).map(|(joint, _)| joint.as_str()).collect();
+            let named: Vec<&str> = numbers.iter().map(|n| n.joint.as_str()).collect();
+            return Err(format!("expected numbers of {}, found those of {}", missing.join(", "), named.join(", ")));
+        }
+    }
+    match width == count {
+        true => Ok((0..count).collect()),
+        false => Err(format!("expected {count} numbers a row, or names of the joints, found {width} numbers")),
     }
 }
 
@@ -129,24 +186,43 @@ fn episode(
         let number = settings.episode.map(|number| number as f64).or(episodes.values.first().copied());
         let rows: Vec<usize> = (0..time.values.len()).filter(|row| Some(episodes.values[*row]) == number).collect();
         let (Some(number), false) = (number, rows.is_empty()) else { continue };
-        let position = &read[0];
-        let joints = settings.names(position.width, info.names(&wanted[0].1), "meta/info.json")?;
+        let state = info.numbers(&wanted[0].1).filter(|numbers| numbers.len() == read[0].width);
+        // A state may hold velocities and torques beside positions.
+        let own: Vec<usize> = match &state {
+            Some(numbers) => (0..numbers.len()).filter(|&k| numbers[k].prefix == "pos.").collect(),
+            None => (0..read[0].width).collect(),
+        };
+        let named: Option<Vec<String>> =
+            state.as_ref().map(|numbers| own.iter().map(|&k| numbers[k].joint.clone()).collect());
+        let joints = settings.names(own.len(), named.clone(), "meta/info.json")?;
         let mut table = Table::default();
         let mut parts = vec![];
-        for ((prefix, column), read) in wanted.iter().zip(&read) {
-            if read.width != joints.len() {
-                let (expected, found) = (joints.len(), read.width);
-                let what =
-                    format!("column {column}: expected {expected} numbers a row as {} has, found {found}", wanted[0].1);
-                table.lost.push(crate::run::Loss { file: name.clone(), what, span: None });
-                continue;
-            }
-            let row = |row: &usize| read.values[row * read.width..(row + 1) * read.width].iter().copied();
+        let mut add = |prefix: &'static str, read: &parquet::Column, places: &[usize]| {
+            let row = |row: &usize| places.iter().map(|k| read.values[row * read.width + k]).collect::<Vec<f64>>();
             let mut values: Vec<f64> = rows.iter().flat_map(row).collect();
-            if *prefix != "tau." {
-                settings.convert(&joints, &mut values, *prefix == "vel.");
+            if prefix != "tau." {
+                settings.convert(&joints, &mut values, prefix == "vel.");
             }
             parts.push(JointChannel { prefix, time: rows.iter().map(|row| time.values[*row]).collect(), values });
+        };
+        add("pos.", &read[0], &own);
+        for ((prefix, column), read) in wanted.iter().zip(&read).skip(1) {
+            let numbers = info.numbers(column).filter(|numbers| numbers.len() == read.width);
+            match places(prefix, numbers.as_deref(), read.width, named.as_deref(), joints.len()) {
+                Ok(places) => add(prefix, read, &places),
+                Err(found) => {
+                    let what = format!("column {column}: {found}");
+                    table.lost.push(crate::run::Loss { file: name.clone(), what, span: None });
+                }
+            }
+        }
+        for prefix in ["vel.", "tau."] {
+            let is_stated = wanted.iter().any(|(other, _)| *other == prefix);
+            let of = |joint: &String| state.as_ref()?.iter().position(|n| n.joint == *joint && n.prefix == prefix);
+            let places: Option<Vec<usize>> = named.iter().flatten().map(of).collect();
+            if let (false, Some(places)) = (is_stated, places.filter(|places| !places.is_empty())) {
+                add(prefix, &read[0], &places);
+            }
         }
         let (version, all) = (&info.version, info.episodes);
         table.remarks.push(format!(
@@ -170,14 +246,32 @@ mod tests {
         let info = |names: &str| {
             let text =
                 format!("{{\"codebase_version\": \"v2.1\", \"features\": {{\"action\": {{\"names\": {names}}}}}}}");
-            Info::read(&text).unwrap().names("action")
+            Info::read(&text).unwrap().numbers("action")
         };
-        let expected = Some(vec!["a".to_string(), "b".to_string()]);
+        let positions = |joints: &[&str]| Some(joints.iter().map(|joint| NamedNumber::read(joint)).collect());
+        let expected: Option<Vec<NamedNumber>> = positions(&["a", "b"]);
         for names in ["[\"a.pos\", \"b.pos\"]", "{\"motors\": [\"a\", \"b\"]}", "[[\"a\", \"b\"]]"] {
             assert_eq!(info(names), expected, "{names}");
         }
         assert_eq!(info("null"), None);
-        assert_eq!(info("[\"motors\"]"), Some(vec!["motors".to_string()]));
+        assert_eq!(info("[\"motors\"]"), positions(&["motors"]));
+        assert_eq!(info("[\"a.vel\"]").unwrap()[0].prefix, "vel.");
+    }
+
+    #[test]
+    fn numbers_are_found_by_their_names() {
+        let named = |names: &[&str]| names.iter().map(|name| NamedNumber::read(name)).collect::<Vec<_>>();
+        let joints = ["a".to_string(), "b".to_string()];
+        let of = |names: &[&str]| places("cmd_pos.", Some(&named(names)), names.len(), Some(&joints), 2);
+        assert_eq!(of(&["b.pos", "a.pos"]).unwrap(), [1, 0]);
+        assert_eq!(of(&["a.vel", "b.vel", "b", "a"]).unwrap(), [3, 2]);
+        // Names that are none of joints say nothing.
+        assert_eq!(of(&["action_0", "action_1"]).unwrap(), [0, 1]);
+        let missing = of(&["a", "gripper"]).unwrap_err();
+        assert!(missing.contains("numbers of b") && missing.contains("a, gripper"), "{missing}");
+        let wide = of(&["x", "y", "z"]).unwrap_err();
+        assert!(wide.contains("expected 2 numbers") && wide.contains("found 3"), "{wide}");
+        assert_eq!(places("vel.", None, 2, Some(&joints), 2).unwrap(), [0, 1]);
     }
 
     #[test]
