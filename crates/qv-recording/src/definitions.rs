@@ -3,7 +3,7 @@
 //! Source: common_interfaces and rcl_interfaces of ROS 2, without their comments. Only what is read here is listed.
 
 /// Types with their fields.
-const TYPES: [(&str, &str); 24] = [
+const TYPES: [(&str, &str); 25] = [
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),
     ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n"),
     ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"),
@@ -47,6 +47,12 @@ const TYPES: [(&str, &str); 24] = [
     (
         "trajectory_msgs/JointTrajectory",
         "std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint[] points\n",
+    ),
+    (
+        "control_msgs/JointTrajectoryControllerState",
+        "std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint reference\n\
+         trajectory_msgs/JointTrajectoryPoint feedback\ntrajectory_msgs/JointTrajectoryPoint error\n\
+         trajectory_msgs/JointTrajectoryPoint output\n",
     ),
     (
         "sensor_msgs/Imu",
