@@ -55,10 +55,13 @@ pub(crate) enum Term {
     Lag,
     LawOffset,
     Limit,
+    /// Low-pass filter of commanded positions, and limit of their rate: firmware between command and motor.
+    Smoothing,
+    Slew,
 }
 
 /// All terms, in the order of their places.
-pub(crate) const TERMS: [Term; 17] = [
+pub(crate) const TERMS: [Term; 19] = [
     Term::Coulomb,
     Term::Stribeck,
     Term::Viscous,
@@ -76,6 +79,8 @@ pub(crate) const TERMS: [Term; 17] = [
     Term::Lag,
     Term::LawOffset,
     Term::Limit,
+    Term::Smoothing,
+    Term::Slew,
 ];
 
 /// Terms of the balance of a joint: the first ten.
@@ -112,6 +117,7 @@ pub(crate) enum Kind {
 }
 
 /// An equation with its rows.
+#[derive(Clone)]
 pub(crate) struct Equation {
     pub joint: usize,
     pub kind: Kind,
@@ -125,6 +131,7 @@ pub(crate) struct Equation {
 }
 
 /// A recording as equations.
+#[derive(Clone)]
 pub(crate) struct Balance {
     /// Times of the rows \[s\], run after run.
     pub time: Vec<f64>,

@@ -109,6 +109,9 @@ pub struct TorqueTrace {
 pub struct Evidence {
     /// Whether references are simulated.
     pub is_fleet: bool,
+    /// Whether positions of servos are compared, for want of torques.
+    #[serde(default)]
+    pub is_of_positions: bool,
     /// Number of references, or pieces of one.
     pub references: usize,
     /// Single samples that jumped and were taken out.

@@ -300,21 +300,22 @@ fn inertial(layout: Layout, link: usize, pi: &[f64; INERTIAL]) -> Direction {
 }
 
 /// What robots of one make differ in: directions, and how far each may be off.
+#[derive(Default)]
 pub(crate) struct Nuisance {
     pub directions: Vec<Direction>,
     pub tolerances: Vec<f64>,
 }
 
 impl Nuisance {
-    /// What is uncertain but for the links: references of servos say nothing of masses, whose gravity is what gains are known by.
-    pub fn without_links(mut self, layout: Layout) -> Self {
-        let is_of_joints = |d: &Direction| d.iter().all(|x| x.0 < layout.place_of_links());
-        let kept: Vec<bool> = self.directions.iter().map(is_of_joints).collect();
-        let mut of_direction = kept.iter();
-        self.directions.retain(|_| of_direction.next() == Some(&true));
-        let mut of_tolerance = kept.iter();
-        self.tolerances.retain(|_| of_tolerance.next() == Some(&true));
-        self
+    /// What is uncertain in joints, and in links.
+    pub fn split(self, layout: Layout) -> [Self; 2] {
+        let mut all = [Self::default(), Self::default()];
+        for (direction, tolerance) in self.directions.into_iter().zip(self.tolerances) {
+            let is_of_link = direction.iter().any(|x| x.0 >= layout.place_of_links());
+            all[usize::from(is_of_link)].directions.push(direction);
+            all[usize::from(is_of_link)].tolerances.push(tolerance);
+        }
+        all
     }
 }
 
@@ -379,7 +380,8 @@ fn of_servo(
         Term::Load => tolerances.torque,
         Term::Armature => tolerances.armature * robot.armature[j].max(LEAST_ARMATURE),
         Term::KpScale | Term::Limit => tolerances.gain,
-        Term::CommandLatency => tolerances.samples * period,
+        Term::CommandLatency | Term::Smoothing => tolerances.samples * period,
+        Term::Slew => tolerances.gain / robot.servos.as_ref().map_or(f64::INFINITY, |s| s.top[j]),
         Term::LawOffset => ENCODER,
         _ => 0.0,
     }
@@ -397,7 +399,7 @@ fn rms_of(equation: &Equation, term: Term) -> f64 {
 /// What is uncertain in a robot of which the equations of `balance` were recorded; `period` is that of its log \[s\].
 pub(crate) fn nuisance(robot: &Robot, balance: &Balance, tolerances: &Tolerances, period: f64) -> Nuisance {
     let layout = Layout::of(robot);
-    let mut all = Nuisance { directions: Vec::new(), tolerances: Vec::new() };
+    let mut all = Nuisance::default();
     let mut push = |direction: Direction, tolerance: f64| {
         if tolerance > 0.0 {
             all.directions.push(direction);
@@ -419,7 +421,7 @@ pub(crate) fn nuisance(robot: &Robot, balance: &Balance, tolerances: &Tolerances
                 (Kind::Balance, Term::TorqueScale) | (_, Term::KpScale | Term::KdScale) => tolerances.gain,
                 (Kind::Balance, Term::StateLatency) | (_, Term::CommandLatency) => tolerances.samples * period,
                 (Kind::Balance, Term::Spring)
-                | (_, Term::Strength | Term::Lag | Term::Limit)
+                | (_, Term::Strength | Term::Lag | Term::Limit | Term::Smoothing | Term::Slew)
                 | (Kind::Law, Term::TorqueScale | Term::StateLatency) => 0.0,
                 // Zeros of encoders, which gains multiply, say nothing.
                 (_, Term::LawOffset) => 10.0 * beyond,

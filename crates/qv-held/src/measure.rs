@@ -10,7 +10,7 @@ use crate::hypothesis::{Direction, Family, Hypothesis, Nuisance, Tolerances, hyp
 use crate::path;
 use crate::profile::Fit;
 use crate::request::Request;
-use crate::servo::LoadForm;
+use crate::servo::FORMS;
 use crate::slices::pieces;
 use crate::source::{Source, calibrated, moved};
 use crate::study::{Profiles, Reference, Study, free_fit};
@@ -36,10 +36,13 @@ const FOLLOWED: usize = 10;
 const KNOWN: f64 = 0.1;
 
 /// Whether recordings can be judged at the rates of the policy: all have torques, measured or commanded ones, and without references there is the
-/// controller that a fleet follows them with. Servos without torques can be measured, too; what comes of it has no tested rate.
+/// controller that a fleet follows them with; or all are of servos, and there are references.
 pub fn can_measure(runs: &[Run], references: &[Run]) -> bool {
     let all_have_torques = runs.iter().chain(references).all(|run| torques(run).is_some());
-    all_have_torques && (!references.is_empty() || runs.first().is_some_and(fleet::can_follow))
+    if references.is_empty() {
+        return all_have_torques && runs.first().is_some_and(fleet::can_follow);
+    }
+    all_have_torques || runs.iter().chain(references).all(path::can_follow)
 }
 
 /// Measures recordings against references.
@@ -51,13 +54,17 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     let mut robot = Robot::new(first, request.model, request.given)?;
     let is_fleet = request.references.is_empty();
     let recorded = pieces(request.references, PIECES);
+    let mut is_servo = false;
     if request.runs.iter().chain(&recorded).any(|run| torques(run).is_none()) {
         if !request.runs.iter().chain(&recorded).all(path::can_follow) {
             return Err(HeldError::recording("recording", "neither torques nor commands of servos"));
         }
-        robot.servos = Some(path::servos(&robot, LoadForm::StaticExternal));
+        is_servo = true;
     }
     let bends = bends(if is_fleet { request.runs } else { &recorded }, request.runs, &robot)?;
+    if is_servo {
+        robot.servos = Some(path::servos(&robot, FORMS[0], &bends.top));
+    }
     let period = first.measured.position.as_ref().map_or(0.0, |p| qv_recording::median_interval(&p.time));
     let tolerances = &request.policy.tolerances;
     let mut sources = recorded.chunks(1).map(|r| Source::new(r, &robot, &bends)).collect::<Result<Vec<_>, _>>()?;
@@ -66,10 +73,10 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     }
     let source = Source::new(request.runs, &robot, &bends)?;
     let target = source.balance(&robot)?;
-    let mut nuisance = nuisance(&robot, &target, tolerances, period);
-    if robot.servos.is_some() && !is_fleet {
-        nuisance = nuisance.without_links(Layout::of(&robot));
-    }
+    let nuisance = nuisance(&robot, &target, tolerances, period);
+    // References of servos say nothing of masses, whose gravity is what gains are known by: in each recording links may be anywhere within tolerances.
+    let [joints, links] = if robot.servos.is_some() && !is_fleet { nuisance.split(Layout::of(&robot)) } else { [nuisance, Nuisance::default()] };
+    let uncertain = if is_fleet { Some(&joints) } else { robot.servos.as_ref().map(|_| &links) };
     let simulated =
         if is_fleet { fleet::simulate(request, &robot, &usual_torques(&robot, &target))? } else { Vec::new() };
     let (references, balances) = if is_fleet {
@@ -81,13 +88,13 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
         all.into_iter().unzip()
     };
     let (references, balances): (Vec<Reference>, Vec<Balance>) = (references, balances);
-    let study = Study::new(Layout::of(&robot), &target.equations, &references, &nuisance, is_fleet);
+    let study = Study::new(Layout::of(&robot), &target.equations, &references, (&joints, uncertain), is_fleet);
     let null = Null::new(&study, &target, &balances);
     let days = (request.references.len() == 1).then_some(tolerances);
     let context =
         Context { limits: bends.limit.clone(), speeds: bends.top.clone(), interval: interval_of(first), days };
     let target = Target::new(&robot, &target, &study, &null, &context);
-    let mut evidence = target.evidence(request, &nuisance);
+    let mut evidence = target.evidence(request, &joints);
     target.follow(&mut evidence, request, &source)?;
     Ok(evidence)
 }
@@ -223,6 +230,7 @@ impl<'a> Target<'a> {
         let alpha = request.policy.alpha;
         Evidence {
             is_fleet: self.study.is_fleet,
+            is_of_positions: self.robot.servos.is_some(),
             references: self.study.references.len(),
             spikes: self.balance.spikes,
             blocks: self.ranges.iter().map(|r| [self.balance.time[r.start], self.balance.time[r.end - 1]]).collect(),
@@ -252,12 +260,16 @@ impl<'a> Target<'a> {
         let mut order: Vec<usize> = (0..evidence.tested.len()).collect();
         let loss = |t: &HypothesisTest| t.losses.iter().sum::<f64>();
         order.sort_by(|&a, &b| loss(&evidence.tested[a]).total_cmp(&loss(&evidence.tested[b])));
-        for k in order.into_iter().take(FOLLOWED) {
-            let tested = &mut evidence.tested[k];
-            if !self.follow_drive(tested, request, source)? {
-                self.note_left(tested, request.policy.alpha);
+        order.truncate(FOLLOWED);
+        let one = |&k: &usize| -> Result<(usize, HypothesisTest), HeldError> {
+            let mut tested = evidence.tested[k].clone();
+            if !self.follow_drive(&mut tested, request, source)? {
+                self.note_left(&mut tested, request.policy.alpha);
             }
-        }
+            Ok((k, tested))
+        };
+        let followed = order.par_iter().map(one).collect::<Result<Vec<_>, _>>()?;
+        followed.into_iter().for_each(|(k, tested)| evidence.tested[k] = tested);
         Ok(())
     }
 
@@ -275,8 +287,9 @@ impl<'a> Target<'a> {
         let mut size = tested.size.clone();
         let mut best: Option<HypothesisTest> = None;
         for _ in 0..STEPS {
-            let Some(robot) = self.moved(&tested.hypothesis, &size) else { break };
-            let balance = source.balance(&robot)?;
+            let places = places(&tested.hypothesis, &size);
+            let Some(robot) = moved(self.robot, self.study.layout, &places) else { break };
+            let balance = source.balance_about(&robot, self.balance, &places)?;
             let target = Target::new(&robot, &balance, self.study, self.null, self.context);
             let Some(mut found) = target.test(tested.hypothesis.clone(), 0.0) else { break };
             if found.loss >= best.as_ref().unwrap_or(tested).loss {
@@ -291,17 +304,6 @@ impl<'a> Target<'a> {
         let Some(found) = best else { return Ok(false) };
         *tested = found;
         Ok(true)
-    }
-
-    /// The robot as a hypothesis has it; `None` where no equation is computed anew for that, and where it means nothing.
-    fn moved(&self, hypothesis: &Hypothesis, size: &[f64]) -> Option<Robot<'a>> {
-        let all: Vec<(usize, f64)> = hypothesis
-            .directions
-            .iter()
-            .zip(size)
-            .flat_map(|(direction, x)| direction.iter().map(move |&(place, factor)| (place, x * factor)))
-            .collect();
-        moved(self.robot, self.study.layout, &all)
     }
 
     /// Events beside a hypothesis, over what it leaves: a large cause leaves more than references do (Birge, Physical Review 40, 1932).
@@ -526,6 +528,14 @@ impl<'a> Target<'a> {
         }
         all
     }
+}
+
+/// Deviations of a hypothesis at places among the columns.
+fn places(hypothesis: &Hypothesis, size: &[f64]) -> Vec<(usize, f64)> {
+    let of_axis = |(direction, x): (&Direction, &f64)| -> Vec<(usize, f64)> {
+        direction.iter().map(|&(place, factor)| (place, x * factor)).collect()
+    };
+    hypothesis.directions.iter().zip(size).flat_map(of_axis).collect()
 }
 
 /// Median time between changes of the commanded positions \[s\]; 0 without any.

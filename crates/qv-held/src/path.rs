@@ -6,10 +6,11 @@
 use crate::HeldError;
 use crate::balance::{Balance, Column, Equation, Kind, Robot, Signals, Term};
 use crate::regressor::{INERTIAL, modelled, torque_regressor};
-use crate::servo::{Drive, LoadForm, ServoJoint, Servos, simulate};
+use crate::servo::{Drive, LoadForm, ServoJoint, Servos, shaped, simulate};
 use crate::signal::{Grid, quantile};
 use qv_recording::Run;
 use qv_recording::run::ActuatorKind;
+use rayon::prelude::*;
 
 /// Rate of rows \[Hz\], longest step of a simulation \[s\].
 const RATE: f64 = 25.0;
@@ -21,7 +22,7 @@ const TURN: f64 = 0.05;
 const STRIBECK: f64 = 0.15;
 
 /// Terms of a joint; the last is what is reported late.
-const OF_PATH: [Term; 13] = [
+const OF_PATH: [Term; 16] = [
     Term::Coulomb,
     Term::Stribeck,
     Term::Viscous,
@@ -30,10 +31,13 @@ const OF_PATH: [Term; 13] = [
     Term::Armature,
     Term::Spring,
     Term::KpScale,
+    Term::KdScale,
     Term::Strength,
     Term::CommandLatency,
     Term::LawOffset,
     Term::Limit,
+    Term::Smoothing,
+    Term::Slew,
     Term::StateLatency,
 ];
 
@@ -44,8 +48,8 @@ pub(crate) fn can_follow(run: &Run) -> bool {
     is_servo && run.measured.position.is_some()
 }
 
-/// Servos as a robot is stated.
-pub(crate) fn servos(robot: &Robot, form: LoadForm) -> Servos {
+/// Servos as a robot is stated; `top` are usual top speeds of its joints \[rad/s\].
+pub(crate) fn servos(robot: &Robot, form: LoadForm, top: &[f64]) -> Servos {
     let names = robot.model.joint_names();
     let stated = |key: &str| names.iter().map(|n| robot.nominal(&format!("joint.{n}.{key}"))).collect();
     Servos {
@@ -55,8 +59,18 @@ pub(crate) fn servos(robot: &Robot, form: LoadForm) -> Servos {
         offset: vec![0.0; robot.joints()],
         spring: stated("spring_stiffness"),
         clip: vec![1.0; robot.joints()],
+        smoothing: vec![0.0; robot.joints()],
+        slew: vec![0.0; robot.joints()],
+        top: top.to_vec(),
         inertial: vec![0.0; INERTIAL * robot.model.links.len()],
     }
+}
+
+/// Whether equations have columns of links.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Links {
+    Known,
+    Uncertain,
 }
 
 /// What a joint carries along its measured path, linear in the links' parameters; shape `[columns][instants]` each.
@@ -74,10 +88,10 @@ pub(crate) struct Path {
     substeps: usize,
     /// Commanded positions, speeds and torques at each step of the simulation, shape `[joints][3][steps]`.
     commands: Vec<[Vec<f64>; 3]>,
-    /// Gains and usual top speeds, shape `[joints]`.
+    /// Biases of encoders without which the signals are \[rad\], and gains; shape `[joints]`.
+    bias: Vec<f64>,
     kp: Vec<f64>,
     kd: Vec<f64>,
-    top: Vec<f64>,
     /// Rows among the instants.
     rows: Vec<usize>,
 }
@@ -95,14 +109,13 @@ impl Path {
         }
         let substeps = (signals.step / STEP).ceil().max(1.0) as usize;
         let fine = Grid { start: signals.time[0], step: signals.step / substeps as f64, count: count * substeps };
-        let top = |j: usize| quantile(signals.v[j].iter().map(|v| v.abs()).collect(), 0.95).max(1e-3);
         let joints = robot.joints();
         Ok(Self {
             commands: (0..joints).map(|j| commands(run, robot.columns[j], &fine)).collect(),
             kp: (0..joints).map(|j| gain(run.commands.kp.as_ref(), run.actuator.kp, robot.columns[j])).collect(),
             kd: (0..joints).map(|j| gain(run.commands.kd.as_ref(), run.actuator.kd, robot.columns[j])).collect(),
-            top: (0..joints).map(top).collect(),
             carried: carried(robot, &signals),
+            bias: robot.bias.clone(),
             signals,
             substeps,
             rows,
@@ -124,15 +137,22 @@ impl Path {
             strength: drive.strength,
             latency: drive.latency,
             bias: robot.bias[j],
+            smoothing: servos.smoothing[j],
+            slew: servos.slew[j],
             limit: robot.limit[j] * servos.clip[j],
-            turn: STRIBECK * self.top[j],
+            turn: STRIBECK * servos.top[j],
             form: servos.form,
         }
     }
 
-    /// Equations of one recording.
-    pub fn balance(&self, robot: &Robot, servos: &Servos, index: usize) -> Balance {
-        let equations = (0..robot.joints()).map(|j| self.equation(robot, servos, j)).collect();
+    /// Commanded positions of a joint after its firmware, at each step of the simulation.
+    fn shaped(&self, j: usize, joint: &ServoJoint) -> Vec<f64> {
+        shaped(&self.commands[j][0], joint, self.signals.step / self.substeps as f64)
+    }
+
+    /// Equations of some joints of one recording; columns of links are left out where these are known.
+    pub fn balance(&self, robot: &Robot, servos: &Servos, (index, joints): (usize, &[usize]), links: Links) -> Balance {
+        let equations = joints.par_iter().map(|&j| self.equation(robot, servos, j, links)).collect();
         Balance {
             time: self.rows.iter().map(|&k| self.signals.time[k]).collect(),
             run: vec![index; self.rows.len()],
@@ -143,59 +163,44 @@ impl Path {
         }
     }
 
-    fn equation(&self, robot: &Robot, servos: &Servos, j: usize) -> Equation {
-        let joint = self.joint(robot, servos, j);
-        let carried = &self.carried[j];
-        let pi = links(robot, servos);
-        let whole = |of: &[Vec<f64>]| sum(&carried.columns, of, &pi, self.signals.time.len());
-        let (force, inertia, slope) = (whole(&carried.force), whole(&carried.inertia), whole(&carried.slope));
-        // The path is measured with the bias that is stated; what it is beyond moves the encoder alone.
-        let q = &self.signals.q[j];
-        let run = |joint: &ServoJoint, force: &[f64], inertia: &[f64], slope: &[f64]| -> Vec<f64> {
-            let drive = Drive {
-                step: self.signals.step,
-                substeps: self.substeps,
-                path: q,
-                carried: force,
-                inertia,
-                slope,
-                commands: [0, 1, 2].map(|k| &self.commands[j][k][..]),
-                start: [q[0], self.signals.v[j][0]],
-            };
-            let all = simulate(joint, &drive);
-            self.rows.iter().map(|&k| all[k]).collect()
+    /// What a robot leaves of each joint's position \[rad\], shape `[joints][rows]`.
+    pub fn left(&self, robot: &Robot, servos: &Servos) -> Vec<Vec<f64>> {
+        let of = |j: usize| {
+            let simulation = Simulation::new(self, robot, servos, j);
+            self.residual(j, &simulation.plain())
         };
-        let plain = run(&joint, &force, &inertia, &slope);
-        let usual = quantile(force.iter().map(|x| x.abs()).collect(), 0.9).max(0.2 * joint.kp * 0.01).max(1e-3);
+        (0..robot.joints()).map(of).collect()
+    }
+
+    fn residual(&self, j: usize, simulated: &[f64]) -> Vec<f64> {
+        let q = &self.signals.q[j];
+        self.rows.iter().zip(simulated).map(|(&k, x)| q[k] + self.bias[j] - x).collect()
+    }
+
+    fn equation(&self, robot: &Robot, servos: &Servos, j: usize, links: Links) -> Equation {
+        let simulation = Simulation::new(self, robot, servos, j);
+        let plain = simulation.plain();
+        let usual = simulation.usual_torque();
         let (mut columns, mut values) = (Vec::new(), Vec::new());
         for term in OF_PATH {
             columns.push(Column::Joint(j, term));
-            if term == Term::StateLatency {
-                values.push(self.rows.iter().map(|&k| -self.signals.v[j][k]).collect());
-                continue;
-            }
-            let by = reach(term, &joint, usual, self.top[j], self.signals.step);
-            let at = |x: f64| run(&shifted(joint, term, x), &force, &inertia, &slope);
-            // What cannot be negative is taken along one side.
-            let low = if is_at_zero(term, &joint, by) { 0.0 } else { -by };
-            values.push(slopes(&at(by), &if low == 0.0 { plain.clone() } else { at(low) }, by - low));
+            values.push(if term == Term::StateLatency {
+                self.rows.iter().map(|&k| -self.signals.v[j][k]).collect()
+            } else {
+                let by = reach(term, &simulation.joint, usual, (servos.top[j], self.signals.step));
+                simulation.slope_of_term(term, by, &plain)
+            });
         }
-        for (k, &place) in carried.columns.iter().enumerate() {
-            let torque = carried.force[k].iter().zip(&carried.inertia[k]).zip(&self.signals.a[j]);
-            let most = torque.map(|((f, m), a)| (f + m * a).abs()).fold(1e-9, f64::max);
-            let by = 0.05 * usual / most;
-            let moved = |x: f64| {
-                let with =
-                    |whole: &[f64], of: &[f64]| -> Vec<f64> { whole.iter().zip(of).map(|(w, o)| w + x * o).collect() };
-                let inertia: Vec<f64> = with(&inertia, &carried.inertia[k]).iter().map(|m| m.max(0.0)).collect();
-                run(&joint, &with(&force, &carried.force[k]), &inertia, &with(&slope, &carried.slope[k]))
-            };
+        let carried = if links == Links::Known { 0 } else { self.carried[j].columns.len() };
+        for k in 0..carried {
+            let place = self.carried[j].columns[k];
             columns.push(Column::Link(place / INERTIAL, place % INERTIAL));
-            values.push(slopes(&moved(by), &moved(-by), 2.0 * by));
+            values.push(simulation.slope_of_link(k, usual));
         }
-        values.push(self.rows.iter().zip(&plain).map(|(&k, x)| q[k] + robot.bias[j] - x).collect());
+        values.push(self.residual(j, &plain));
+        let (v, a, drive) = (&self.signals.v[j], &self.signals.a[j], &simulation.joint);
         let torque = |&k: &usize| {
-            force[k] + (inertia[k] + joint.armature) * self.signals.a[j][k] + joint.viscous * self.signals.v[j][k]
+            simulation.load[0][k] + (simulation.load[1][k] + drive.armature) * a[k] + drive.viscous * v[k]
         };
         let count = values.len();
         Equation {
@@ -206,6 +211,91 @@ impl Path {
             wide: vec![Vec::new(); count],
             modelled: self.rows.iter().map(torque).collect(),
         }
+    }
+}
+
+/// A joint about which a recording is simulated.
+struct Simulation<'a> {
+    path: &'a Path,
+    place: usize,
+    joint: ServoJoint,
+    /// Gravity and coupling, inertia, and slope of gravity along the path, shape `[3][instants]`.
+    load: [Vec<f64>; 3],
+    commands: Vec<f64>,
+}
+
+impl<'a> Simulation<'a> {
+    fn new(path: &'a Path, robot: &Robot, servos: &Servos, place: usize) -> Self {
+        let (carried, pi) = (&path.carried[place], links(robot, servos));
+        let load = [&carried.force, &carried.inertia, &carried.slope];
+        let joint = path.joint(robot, servos, place);
+        Self {
+            path,
+            place,
+            load: load.map(|of| sum(&carried.columns, of, &pi, path.signals.time.len())),
+            commands: path.shaped(place, &joint),
+            joint,
+        }
+    }
+
+    /// Positions at the rows \[rad\].
+    fn run(&self, joint: &ServoJoint, commands: &[f64], [carried, inertia, slope]: [&[f64]; 3]) -> Vec<f64> {
+        let (path, j) = (self.path, self.place);
+        // The path is measured with the bias that is stated; what it is beyond moves the encoder alone.
+        let q = &path.signals.q[j];
+        let drive = Drive {
+            step: path.signals.step,
+            substeps: path.substeps,
+            path: q,
+            carried,
+            inertia,
+            slope,
+            commands: [commands, &path.commands[j][1], &path.commands[j][2]],
+            start: [q[0] + path.bias[j] - joint.bias, path.signals.v[j][0]],
+        };
+        let all = simulate(joint, &drive);
+        path.rows.iter().map(|&k| all[k]).collect()
+    }
+
+    fn plain(&self) -> Vec<f64> {
+        self.run(&self.joint, &self.commands, [0, 1, 2].map(|k| &self.load[k][..]))
+    }
+
+    /// Torque that the joint usually carries \[N m\].
+    fn usual_torque(&self) -> f64 {
+        let all = self.load[0].iter().map(|x| x.abs()).collect();
+        quantile(all, 0.9).max(0.2 * self.joint.kp * 0.01).max(1e-3)
+    }
+
+    fn slope_of_term(&self, term: Term, by: f64, plain: &[f64]) -> Vec<f64> {
+        let load = [0, 1, 2].map(|k| &self.load[k][..]);
+        let at = |x: f64| {
+            let joint = shifted(self.joint, term, x);
+            if matches!(term, Term::Smoothing | Term::Slew) {
+                self.run(&joint, &self.path.shaped(self.place, &joint), load)
+            } else {
+                self.run(&joint, &self.commands, load)
+            }
+        };
+        // What cannot be negative is taken along one side.
+        if is_at_zero(term, &self.joint, by) { slopes(&at(by), plain, by) } else { slopes(&at(by), &at(-by), 2.0 * by) }
+    }
+
+    /// By an inertial parameter of a link, by its place among those that the joint carries.
+    fn slope_of_link(&self, k: usize, usual: f64) -> Vec<f64> {
+        let carried = &self.path.carried[self.place];
+        let torque = carried.force[k].iter().zip(&carried.inertia[k]).zip(&self.path.signals.a[self.place]);
+        let most = torque.map(|((f, m), a)| (f + m * a).abs()).fold(1e-9, f64::max);
+        let by = 0.05 * usual / most;
+        let at = |x: f64| {
+            let with =
+                |whole: &[f64], of: &[f64]| -> Vec<f64> { whole.iter().zip(of).map(|(w, o)| w + x * o).collect() };
+            let [force, inertia, slope] = [&carried.force[k], &carried.inertia[k], &carried.slope[k]];
+            let inertia: Vec<f64> = with(&self.load[1], inertia).iter().map(|m| m.max(0.0)).collect();
+            let (force, slope) = (with(&self.load[0], force), with(&self.load[2], slope));
+            self.run(&self.joint, &self.commands, [&force, &inertia, &slope])
+        };
+        slopes(&at(by), &at(-by), 2.0 * by)
     }
 }
 
@@ -226,14 +316,15 @@ fn slopes(high: &[f64], low: &[f64], span: f64) -> Vec<f64> {
 }
 
 /// By how much a term is moved for its column.
-fn reach(term: Term, joint: &ServoJoint, usual: f64, top: f64, step: f64) -> f64 {
+fn reach(term: Term, joint: &ServoJoint, usual: f64, (top, step): (f64, f64)) -> f64 {
     match term {
         Term::Coulomb | Term::Stribeck | Term::Offset => 0.05 * usual,
         Term::Viscous => 0.05 * usual / top,
         Term::Load | Term::KpScale | Term::KdScale | Term::Strength | Term::Limit => 0.03,
         Term::Armature => 0.1 * joint.armature.max(1e-3),
         Term::Spring => 0.1 * usual,
-        Term::CommandLatency => 0.3 * step,
+        Term::CommandLatency | Term::Smoothing => 0.3 * step,
+        Term::Slew => 0.03 / top,
         _ => 1e-3,
     }
 }
@@ -246,6 +337,8 @@ fn is_at_zero(term: Term, joint: &ServoJoint, by: f64) -> bool {
         Term::Load => joint.load,
         Term::Armature => joint.armature,
         Term::CommandLatency => joint.latency,
+        Term::Smoothing => joint.smoothing,
+        Term::Slew => joint.slew,
         _ => return false,
     };
     value < by
@@ -263,6 +356,8 @@ fn shifted(mut joint: ServoJoint, term: Term, by: f64) -> ServoJoint {
         Term::KpScale => joint.kp *= 1.0 + by,
         Term::KdScale => joint.kd *= 1.0 + by,
         Term::Limit => joint.limit *= 1.0 + by,
+        Term::Smoothing => joint.smoothing += by,
+        Term::Slew => joint.slew += by,
         Term::Strength => joint.strength += by,
         Term::CommandLatency => joint.latency += by,
         Term::LawOffset => joint.bias += by,

@@ -39,6 +39,11 @@ pub(crate) struct Servos {
     pub spring: Vec<f64>,
     /// Factors of the limits of the position's part.
     pub clip: Vec<f64>,
+    /// Time constant of a low-pass filter of commanded positions \[s\], and reciprocal of the limit of their rate \[s/rad\], 0 without one.
+    pub smoothing: Vec<f64>,
+    pub slew: Vec<f64>,
+    /// Usual top speeds in the references \[rad/s\].
+    pub top: Vec<f64>,
     /// What links have beyond the model, shape `[links * 10]`.
     pub inertial: Vec<f64>,
 }
@@ -61,6 +66,8 @@ pub(crate) struct ServoJoint {
     /// \[s\]
     pub latency: f64,
     pub bias: f64,
+    pub smoothing: f64,
+    pub slew: f64,
     /// Limit of the position's part \[N m\], and speed of Stribeck's friction \[rad/s\].
     pub limit: f64,
     pub turn: f64,
@@ -121,6 +128,22 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> Vec<f64> {
     out
 }
 
+/// Commanded positions as the firmware of a servo passes them on: low-pass filtered, then limited in rate; `step` is between samples \[s\].
+pub(crate) fn shaped(commands: &[f64], joint: &ServoJoint, step: f64) -> Vec<f64> {
+    let share = qv_sim::lag_gain(step, joint.smoothing);
+    let most = if joint.slew > 0.0 { step / joint.slew } else { f64::INFINITY };
+    let mut smooth = commands.first().copied().unwrap_or(0.0);
+    let mut out = smooth;
+    commands
+        .iter()
+        .map(|c| {
+            smooth += share * (c - smooth);
+            out += (smooth - out).clamp(-most, most);
+            out
+        })
+        .collect()
+}
+
 /// A series at a place between its samples, held at both ends.
 fn delayed(of: &[f64], place: f64) -> f64 {
     let last = of.len() - 1;
@@ -150,6 +173,8 @@ mod tests {
             strength: 1.0,
             latency: 0.0,
             bias: 0.0,
+            smoothing: 0.0,
+            slew: 0.0,
             limit: f64::INFINITY,
             turn: 0.1,
             form: LoadForm::None,
@@ -193,6 +218,16 @@ mod tests {
         let slack = ServoJoint { coulomb: 1.0, ..joint() };
         let rest = moved(&slack, 2.0)[399];
         assert!((rest - (0.3 - 2.0 / 20.0)).abs() <= 1.0 / 20.0 + 1e-9, "{rest}");
+    }
+
+    #[test]
+    fn shaped_commands_lag_and_keep_to_their_rate() {
+        let step = vec![0.0; 10].into_iter().chain(vec![1.0; 400]).collect::<Vec<f64>>();
+        let limited = shaped(&step, &ServoJoint { slew: 0.5, ..joint() }, 0.01);
+        assert!((limited[59] - 1.0).abs() < 1e-9 && (limited[34] - 0.5).abs() < 1e-9, "{} {}", limited[34], limited[59]);
+        let smooth = shaped(&step, &ServoJoint { smoothing: 0.5, ..joint() }, 0.01);
+        assert!((smooth[59] - (1.0 - (-1.0f64).exp())).abs() < 1e-9, "{}", smooth[59]);
+        assert_eq!(shaped(&step, &joint(), 0.01), step);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Robots with a fixed base by their torque balance: from recordings to evidence.
+//! Robots with a fixed base by their torque balance, or by the positions of their servos: from recordings to evidence.
 
 use super::options::{Diagnosis, Options, PreparedRuns};
 use super::progress;
@@ -11,7 +11,7 @@ use qv_recording::Run;
 use qv_recording::run::Base;
 use qv_sim::Model;
 
-/// Whether recordings are judged by their torque balance: a fixed base, torques, and references or a controller that can be simulated.
+/// Whether recordings are judged so: a fixed base; torques with references or a controller that can be simulated; or servos with references.
 pub(super) fn is_weighed(prepared: &PreparedRuns) -> bool {
     let is_fixed = prepared.usable.first().is_some_and(|run| run.base == Base::Fixed);
     is_fixed && qv_held::can_measure(&prepared.usable, &prepared.reference)
@@ -129,11 +129,7 @@ fn data(
         closed: 0.0,
         closed_ci95: [0.0; 2],
         closed_in_fit: None,
-        unit: if held.is_fleet {
-            "mean squared normalized torque residual, 1 = simulated robots within the tolerances".into()
-        } else {
-            "mean squared normalized torque residual, 1 = references".into()
-        },
+        unit: unit(held),
         heldout: true,
         joint_rms: [f64::NAN; 2],
         joint_rms_apart: None,
@@ -186,10 +182,17 @@ fn data(
         traces: Traces::default(),
         joint_rows: held.joints.clone(),
         torque_traces,
-        stages: vec![Stage { name: "torque balance".into(), steps: 0 }],
+        stages: vec![Stage { name: if held.is_of_positions { "position error" } else { "torque balance" }.into(), steps: 0 }],
         timing: Timing { runtime_s: seconds, stages_s: vec![seconds] },
         provenance: None,
     }
+}
+
+/// What a loss is.
+fn unit(held: &qv_held::Evidence) -> String {
+    let channel = if held.is_of_positions { "position" } else { "torque" };
+    let null = if held.is_fleet { "simulated robots within the tolerances" } else { "references" };
+    format!("mean squared normalized {channel} residual, 1 = {null}")
 }
 
 /// Square of what the stated robot leaves of a joint's torque, over that of the torque.

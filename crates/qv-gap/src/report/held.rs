@@ -1,4 +1,4 @@
-//! The report of a robot with a fixed base that is decided by its torque balance.
+//! The report of a robot with a fixed base that is decided by its torque balance, or by the positions of its servos.
 
 use super::{Gap, Remainder, Report, SetMember, TorqueBalance, Verdict};
 use crate::decision::Policy;
@@ -265,6 +265,10 @@ impl Page<'_> {
         all
     }
 
+    fn channel(&self) -> &'static str {
+        if self.held.is_of_positions { "position" } else { "torque" }
+    }
+
     fn null(&self) -> &'static str {
         if self.held.is_fleet { "simulated robots within the tolerances" } else { "the references" }
     }
@@ -292,16 +296,21 @@ impl Page<'_> {
         let ratio = gap.before / gap.floor.max(1e-12);
         let p = self.decision.p_gap;
         let residual =
-            format!("the torque residual is {ratio:.1} times that of {} (p = {})", self.null(), probability(p));
+            format!("the {} residual is {ratio:.1} times that of {} (p = {})", self.channel(), self.null(), probability(p));
         match &self.decision.outcome {
             Outcome::None => format!("No gap: {residual}."),
             Outcome::Cause(k, _) => {
                 let mut text = format!("Cause: {}.", named(&self.held.tested[*k], &self.parameters(*k)));
                 let _ = write!(
                     text,
-                    " Correcting it removes {:.0} % of the excess torque error in blocks that its fit has not seen.",
-                    100.0 * gap.closed
+                    " Correcting it removes {:.0} % of the excess {} error in blocks that its fit has not seen.",
+                    100.0 * gap.closed,
+                    self.channel()
                 );
+                let alike = causes.first().map_or(&[][..], |cause| &cause.confusable_with[..]);
+                if !alike.is_empty() {
+                    let _ = write!(text, " This recording cannot distinguish it from {}.", alike.join(", ").replace('_', " "));
+                }
                 text
             }
             Outcome::Events(_) => {
