@@ -52,6 +52,9 @@ pub struct Judgement {
     pub share: f64,
     /// Whether no test refuses it.
     pub passed: bool,
+    /// Whether none would if it were the only hypothesis.
+    #[serde(default)]
+    pub passed_alone: bool,
     /// Whether it is as good as the best by chance.
     pub in_set: bool,
     /// Interval of each axis.
@@ -121,6 +124,9 @@ fn outcome(evidence: &Evidence, policy: &Policy, decision: &mut Decision) -> Out
     let is_explained = |loss: f64| p_gap(evidence, loss) >= policy.alpha;
     let cause = decision.order.iter().copied().find(|&k| decision.judged[k].passed);
     let events_beside = |k: usize| evidence.tested[k].events.as_deref().unwrap_or(&evidence.events);
+    if cause.is_some_and(|k| has_better_rival(evidence, decision, k)) {
+        return Outcome::Unexplained;
+    }
     if let Some(k) = cause {
         let left = events_beside(k);
         let is_steady = left.is_empty() || acts_outside(evidence, k, left, policy, policy.alpha);
@@ -152,6 +158,19 @@ fn outcome(evidence: &Evidence, policy: &Policy, decision: &mut Decision) -> Out
     let is_thrown_out =
         !decision.none_in_set && decision.order.first().is_some_and(|&k| decision.judged[k].p_size < policy.alpha);
     if decision.p_gap >= policy.alpha && !is_thrown_out { Outcome::None } else { Outcome::Unexplained }
+}
+
+/// Whether a hypothesis of another family, with no more numbers, predicts better than the cause and fails by the correction for their number alone:
+/// which of the two it is cannot be said.
+fn has_better_rival(evidence: &Evidence, decision: &Decision, cause: usize) -> bool {
+    let named = &evidence.tested[cause];
+    let is_rival = |k: &usize| {
+        let other = &evidence.tested[*k];
+        decision.judged[*k].passed_alone
+            && other.hypothesis.family != named.hypothesis.family
+            && other.size.len() <= named.size.len()
+    };
+    decision.order.iter().take_while(|k| **k != cause).any(|k| is_rival(k))
 }
 
 /// Blocks that no event touches.
@@ -190,13 +209,14 @@ fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_
     let is_physical = is_known && (0..t.size.len()).all(is_in);
     let share = if evidence.loss > l0 { (evidence.loss - t.loss) / (evidence.loss - l0) } else { 0.0 };
     let count = evidence.tested.len().max(1) as f64;
-    let passed = p_size < policy.alpha / count
+    let passed_alone = p_size < policy.alpha
         && p_blocks < policy.alpha
         && (p_bandwidth >= policy.alpha_bandwidth || stays(t, policy))
         && is_physical
         && evidence.loss > l0
         && share >= policy.least_share;
-    Judgement { p_size, p_blocks, p_bandwidth, is_physical, share, passed, in_set: false, ci95, least }
+    let passed = passed_alone && p_size < policy.alpha / count;
+    Judgement { p_size, p_blocks, p_bandwidth, is_physical, share, passed, passed_alone, in_set: false, ci95, least }
 }
 
 /// Whether the part of a size that does not move with the bandwidth is its share: references, which have none, do not say how far

@@ -143,8 +143,7 @@ impl References<'_> {
     }
 
     fn uncertain(&self, robot: &Robot, first: &Balance) -> Nuisance {
-        let [joints, _] = nuisance(robot, first, self.tolerances, self.period).split(Layout::of(robot));
-        joints
+        nuisance(robot, first, self.tolerances, self.period).without_links(Layout::of(robot))
     }
 
     /// A robot with the servos that all references ask for, by steps of Levenberg and Marquardt, and its loss.
@@ -155,7 +154,7 @@ impl References<'_> {
             let own = self.balances(&best)?;
             let uncertain = self.uncertain(&best, &own[0]);
             let sums: Vec<Reference> = own.iter().filter_map(|b| Reference::new(b, &own[0].equations)).collect();
-            let study = Study::new(layout, &own[0].equations, &sums, (&uncertain, None), false);
+            let study = Study::new(layout, &own[0].equations, &sums, &uncertain, false);
             let (before, start) = (lowest, best.clone());
             for slack in SLACKS {
                 let pinned = study.fit_references(slack);
@@ -213,7 +212,7 @@ fn left_out(robot: &Robot, references: &References) -> Result<f64, HeldError> {
     let equations = &balances[0].equations;
     let uncertain = references.uncertain(robot, &balances[0]);
     let references: Vec<Reference> = balances.iter().filter_map(|b| Reference::new(b, equations)).collect();
-    let study = Study::new(layout, equations, &references, (&uncertain, None), false);
+    let study = Study::new(layout, equations, &references, &uncertain, false);
     let mut logs = 0.0;
     for (r, balance) in balances.iter().enumerate() {
         let values = study.left_out(r).bands[0].none().values;
