@@ -34,7 +34,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn read(folder: &Path) -> Result<Run, Box<dyn Error>> {
-    let text = |name: &str| fs::read_to_string(folder.join(name)).map_err(|e| format!("{}/{name}: {e}", folder.display()));
+    let text =
+        |name: &str| fs::read_to_string(folder.join(name)).map_err(|e| format!("{}/{name}: {e}", folder.display()));
     let urdf = text("robot.urdf")?;
     Ok(qv_recording::read_table(text("run.csv")?.as_bytes(), &text("run.toml")?, Some(&urdf), None)?)
 }
@@ -44,7 +45,8 @@ fn judge(folders: &[String], references: &[Run]) -> Result<Value, Box<dyn Error>
     let model = Model::from_urdf(&urdf, &ModelOptions { base: BaseKind::Fixed, ..Default::default() })?;
     let runs = folders.iter().map(|folder| read(Path::new(folder))).collect::<Result<Vec<Run>, _>>()?;
     let policy = Policy::default();
-    let request = Request { runs: &runs, references, model: &model, given: &[], without: &[], seed: 1, policy: &policy };
+    let request =
+        Request { runs: &runs, references, model: &model, given: &[], without: &[], seed: 1, policy: &policy };
     let begun = Instant::now();
     let evidence = measure(&request)?;
     let decision = decide(&evidence, &policy);

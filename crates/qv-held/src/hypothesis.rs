@@ -300,18 +300,22 @@ fn inertial(layout: Layout, link: usize, pi: &[f64; INERTIAL]) -> Direction {
 }
 
 /// What robots of one make differ in: directions, and how far each may be off.
+#[derive(Default)]
 pub(crate) struct Nuisance {
     pub directions: Vec<Direction>,
     pub tolerances: Vec<f64>,
 }
 
 impl Nuisance {
-    /// What is uncertain but for the links: references of servos say nothing of masses, whose gravity is what gains are known by.
-    pub fn without_links(self, layout: Layout) -> Self {
-        let all = self.directions.into_iter().zip(self.tolerances);
-        let is_of_joints = |d: &Direction| d.iter().all(|x| x.0 < layout.place_of_links());
-        let (directions, tolerances) = all.filter(|(d, _)| is_of_joints(d)).unzip();
-        Self { directions, tolerances }
+    /// What is uncertain in joints, and in links.
+    pub fn split(self, layout: Layout) -> [Self; 2] {
+        let mut all = [Self::default(), Self::default()];
+        for (direction, tolerance) in self.directions.into_iter().zip(self.tolerances) {
+            let is_of_link = direction.iter().any(|x| x.0 >= layout.place_of_links());
+            all[usize::from(is_of_link)].directions.push(direction);
+            all[usize::from(is_of_link)].tolerances.push(tolerance);
+        }
+        all
     }
 }
 
@@ -395,7 +399,7 @@ fn rms_of(equation: &Equation, term: Term) -> f64 {
 /// What is uncertain in a robot of which the equations of `balance` were recorded; `period` is that of its log \[s\].
 pub(crate) fn nuisance(robot: &Robot, balance: &Balance, tolerances: &Tolerances, period: f64) -> Nuisance {
     let layout = Layout::of(robot);
-    let mut all = Nuisance { directions: Vec::new(), tolerances: Vec::new() };
+    let mut all = Nuisance::default();
     let mut push = |direction: Direction, tolerance: f64| {
         if tolerance > 0.0 {
             all.directions.push(direction);

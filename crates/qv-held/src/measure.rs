@@ -73,10 +73,14 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     }
     let source = Source::new(request.runs, &robot, &bends)?;
     let target = source.balance(&robot)?;
-    let mut nuisance = nuisance(&robot, &target, tolerances, period);
-    if robot.servos.is_some() && !is_fleet {
-        nuisance = nuisance.without_links(Layout::of(&robot));
-    }
+    let nuisance = nuisance(&robot, &target, tolerances, period);
+    // References of servos say nothing of masses, whose gravity is what gains are known by: in each recording links may be anywhere within tolerances.
+    let [joints, links] = if robot.servos.is_some() && !is_fleet {
+        nuisance.split(Layout::of(&robot))
+    } else {
+        [nuisance, Nuisance::default()]
+    };
+    let uncertain = if is_fleet { Some(&joints) } else { robot.servos.as_ref().map(|_| &links) };
     let simulated =
         if is_fleet { fleet::simulate(request, &robot, &usual_torques(&robot, &target))? } else { Vec::new() };
     let (references, balances) = if is_fleet {
@@ -88,13 +92,13 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
         all.into_iter().unzip()
     };
     let (references, balances): (Vec<Reference>, Vec<Balance>) = (references, balances);
-    let study = Study::new(Layout::of(&robot), &target.equations, &references, &nuisance, is_fleet);
+    let study = Study::new(Layout::of(&robot), &target.equations, &references, (&joints, uncertain), is_fleet);
     let null = Null::new(&study, &target, &balances);
     let days = (request.references.len() == 1).then_some(tolerances);
     let context =
         Context { limits: bends.limit.clone(), speeds: bends.top.clone(), interval: interval_of(first), days };
     let target = Target::new(&robot, &target, &study, &null, &context);
-    let mut evidence = target.evidence(request, &nuisance);
+    let mut evidence = target.evidence(request, &joints);
     target.follow(&mut evidence, request, &source)?;
     Ok(evidence)
 }

@@ -199,9 +199,8 @@ impl Path {
         }
         values.push(self.residual(j, &plain));
         let (v, a, drive) = (&self.signals.v[j], &self.signals.a[j], &simulation.joint);
-        let torque = |&k: &usize| {
-            simulation.load[0][k] + (simulation.load[1][k] + drive.armature) * a[k] + drive.viscous * v[k]
-        };
+        let torque =
+            |&k: &usize| simulation.load[0][k] + (simulation.load[1][k] + drive.armature) * a[k] + drive.viscous * v[k];
         let count = values.len();
         Equation {
             joint: j,

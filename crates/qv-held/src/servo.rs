@@ -224,7 +224,12 @@ mod tests {
     fn shaped_commands_lag_and_keep_to_their_rate() {
         let step = vec![0.0; 10].into_iter().chain(vec![1.0; 400]).collect::<Vec<f64>>();
         let limited = shaped(&step, &ServoJoint { slew: 0.5, ..joint() }, 0.01);
-        assert!((limited[59] - 1.0).abs() < 1e-9 && (limited[34] - 0.5).abs() < 1e-9, "{} {}", limited[34], limited[59]);
+        assert!(
+            (limited[59] - 1.0).abs() < 1e-9 && (limited[34] - 0.5).abs() < 1e-9,
+            "{} {}",
+            limited[34],
+            limited[59]
+        );
         let smooth = shaped(&step, &ServoJoint { smoothing: 0.5, ..joint() }, 0.01);
         assert!((smooth[59] - (1.0 - (-1.0f64).exp())).abs() < 1e-9, "{}", smooth[59]);
         assert_eq!(shaped(&step, &joint(), 0.01), step);

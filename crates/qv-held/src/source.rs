@@ -59,7 +59,8 @@ impl<'a> Source<'a> {
             Self::Paths(paths) => paths,
         };
         let servos = robot.servos.as_ref().ok_or_else(|| HeldError::recording("robot", "it has no servos"))?;
-        let all: Vec<Balance> = paths.par_iter().enumerate().map(|(k, path)| path.balance(robot, servos, (k, joints), links)).collect();
+        let all: Vec<Balance> =
+            paths.par_iter().enumerate().map(|(k, path)| path.balance(robot, servos, (k, joints), links)).collect();
         all.into_iter().reduce(Balance::joined).ok_or_else(|| HeldError::recording("recordings", "there is none"))
     }
 
@@ -143,7 +144,8 @@ impl References<'_> {
     }
 
     fn uncertain(&self, robot: &Robot, first: &Balance) -> Nuisance {
-        nuisance(robot, first, self.tolerances, self.period).without_links(Layout::of(robot))
+        let [joints, _] = nuisance(robot, first, self.tolerances, self.period).split(Layout::of(robot));
+        joints
     }
 
     /// A robot with the servos that all references ask for, by steps of Levenberg and Marquardt, and its loss.
@@ -154,7 +156,7 @@ impl References<'_> {
             let own = self.balances(&best)?;
             let uncertain = self.uncertain(&best, &own[0]);
             let sums: Vec<Reference> = own.iter().filter_map(|b| Reference::new(b, &own[0].equations)).collect();
-            let study = Study::new(layout, &own[0].equations, &sums, &uncertain, false);
+            let study = Study::new(layout, &own[0].equations, &sums, (&uncertain, None), false);
             let (before, start) = (lowest, best.clone());
             for slack in SLACKS {
                 let pinned = study.fit_references(slack);
@@ -212,7 +214,7 @@ fn left_out(robot: &Robot, references: &References) -> Result<f64, HeldError> {
     let equations = &balances[0].equations;
     let uncertain = references.uncertain(robot, &balances[0]);
     let references: Vec<Reference> = balances.iter().filter_map(|b| Reference::new(b, equations)).collect();
-    let study = Study::new(layout, equations, &references, &uncertain, false);
+    let study = Study::new(layout, equations, &references, (&uncertain, None), false);
     let mut logs = 0.0;
     for (r, balance) in balances.iter().enumerate() {
         let values = study.left_out(r).bands[0].none().values;

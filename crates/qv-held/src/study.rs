@@ -137,6 +137,8 @@ pub(crate) struct Study<'a> {
     pub weights: Vec<f64>,
     pub kappa: f64,
     nuisance: &'a Nuisance,
+    /// What is uncertain in each recording within its tolerances, whatever references say.
+    uncertain: Option<&'a Nuisance>,
     equations: &'a [Equation],
     /// Weighted sums of each reference, both bands.
     sums: Vec<[Matrix; 2]>,
@@ -147,14 +149,15 @@ impl<'a> Study<'a> {
         layout: Layout,
         equations: &'a [Equation],
         references: &'a [Reference],
-        nuisance: &'a Nuisance,
+        (nuisance, uncertain): (&'a Nuisance, Option<&'a Nuisance>),
         is_fleet: bool,
     ) -> Self {
         let count = references.len() as f64;
         let noise = |e: usize| references.iter().map(|r| r.noise[e]).sum::<f64>() / count;
         let weights: Vec<f64> = (0..equations.len()).map(|e| 1.0 / noise(e)).collect();
         let kappa = references.iter().map(|r| r.kappa).sum::<f64>() / count;
-        let mut study = Self { layout, references, is_fleet, weights, kappa, nuisance, equations, sums: Vec::new() };
+        let sums = Vec::new();
+        let mut study = Self { layout, references, is_fleet, weights, kappa, nuisance, uncertain, equations, sums };
         study.weigh();
         // What they leave together, not each with everything free, is what a robot wanders by.
         let values = study.values_of_references();
@@ -237,7 +240,7 @@ impl<'a> Study<'a> {
     }
 
     fn uncertain(&self) -> Option<(&Nuisance, f64)> {
-        self.is_fleet.then_some((self.nuisance, self.kappa))
+        self.uncertain.map(|nuisance| (nuisance, self.kappa))
     }
 }
 

@@ -182,7 +182,10 @@ fn data(
         traces: Traces::default(),
         joint_rows: held.joints.clone(),
         torque_traces,
-        stages: vec![Stage { name: if held.is_of_positions { "position error" } else { "torque balance" }.into(), steps: 0 }],
+        stages: vec![Stage {
+            name: if held.is_of_positions { "position error" } else { "torque balance" }.into(),
+            steps: 0,
+        }],
         timing: Timing { runtime_s: seconds, stages_s: vec![seconds] },
         provenance: None,
     }

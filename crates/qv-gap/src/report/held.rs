@@ -295,8 +295,12 @@ impl Page<'_> {
     fn sentence(&self, causes: &[Cause], leads: &[Lead], gap: &Gap) -> String {
         let ratio = gap.before / gap.floor.max(1e-12);
         let p = self.decision.p_gap;
-        let residual =
-            format!("the {} residual is {ratio:.1} times that of {} (p = {})", self.channel(), self.null(), probability(p));
+        let residual = format!(
+            "the {} residual is {ratio:.1} times that of {} (p = {})",
+            self.channel(),
+            self.null(),
+            probability(p)
+        );
         match &self.decision.outcome {
             Outcome::None => format!("No gap: {residual}."),
             Outcome::Cause(k, _) => {
@@ -309,7 +313,11 @@ impl Page<'_> {
                 );
                 let alike = causes.first().map_or(&[][..], |cause| &cause.confusable_with[..]);
                 if !alike.is_empty() {
-                    let _ = write!(text, " This recording cannot distinguish it from {}.", alike.join(", ").replace('_', " "));
+                    let _ = write!(
+                        text,
+                        " This recording cannot distinguish it from {}.",
+                        alike.join(", ").replace('_', " ")
+                    );
                 }
                 text
             }
