@@ -35,17 +35,22 @@ use std::time::Instant;
 use watch::{Run, TRAINING, show_mask};
 use words::{in_words, named_mean};
 
-pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
-    qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --json\n\n\
-    CAPTURE is nerfstudio's transforms.json or the folder that holds it, a COLMAP project (model and images), or a folder of\n\
-    RGB-D frames (7-Scenes: FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt; TUM, Redwood, ScanNet). points.ply beside it is where Gaussians begin.\n\
-    Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
-    DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
-    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, where poses are COLMAP's or refined cameras.json (for `qv mesh --cameras`),\n\
-    with --preview pictures beside photographs. Terms of geometry and labels count from step 1000 on. Built with --features gpu, --gpu\n\
-    works on the graphics card. Ctrl-C stops: a finished scene in DIR stays, else the best scene so far is written; --resume goes\n\
-    on from where training stood.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named), 130 stopped.";
+pub const EXAMPLE: &str = crate::help_text!(
+    "Examples:\n\
+     \x20 qv reconstruct captures/yard --out out/yard\n\
+     \x20 qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --json\n\
+     \x20 qv reconstruct walk.mp4 --out out/yard\n\
+     \n\
+     CAPTURE is a nerfstudio transforms.json or its folder, a COLMAP project (model and images), or a folder of RGB-D frames\n\
+     (7-Scenes, TUM, Redwood, ScanNet). Gaussians start at points.ply beside it, if present.\n\
+     For a video (.mp4, .mov, ...) ffmpeg extracts frames, and COLMAP, installed once into a Python environment, estimates\n\
+     poses; DIR/capture keeps both. Such a scene has no metric scale: `qv mesh` takes --distance, --markers or --trajectory.\n\
+     \n\
+     Results: scene.ply (3DGS), checkpoint.qvt, metrics.json; cameras.json if poses are COLMAP's or refined (for `qv mesh --cameras`).\n\
+     Geometry and label losses start at step 1000. Ctrl-C keeps a finished scene in DIR, else writes the best scene so far;\n\
+     --resume continues.",
+    "3 done, but part of the input was lost (reported)"
+);
 
 /// Where training stood when the scene was written.
 const CHECKPOINT: &str = "checkpoint.qvt";

@@ -15,6 +15,7 @@
 
 mod description;
 mod error;
+mod examples;
 mod observe;
 mod run;
 
@@ -23,5 +24,6 @@ pub use description::{
     TermKind,
 };
 pub use error::RollError;
+pub use examples::EXAMPLES;
 pub use observe::{Observer, RobotState};
 pub use run::{RollTrace, roll};

@@ -28,33 +28,33 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Look {
-    /// weights.bin of `qv navigate train`
+    /// Weights of `qv navigate train` (weights.bin)
     weights: PathBuf,
     #[command(flatten)]
     place: Place,
-    /// The capture that the scene was made of: transforms.json or its folder, a COLMAP project, RGB-D frames
-    #[arg(long, value_name = "CAPTURE")]
+    /// Read the capture of the scene: transforms.json, COLMAP or RGB-D
+    #[arg(long, value_name = "CAPTURE", help_heading = "Input")]
     capture: PathBuf,
-    /// cameras.json of `qv reconstruct`, where that took other poses than the capture's
-    #[arg(long, value_name = "FILE.json")]
+    /// Read refined cameras of `qv reconstruct` (cameras.json)
+    #[arg(long, value_name = "FILE.json", help_heading = "Input")]
     cameras: Option<PathBuf>,
-    /// The line that `qv mesh --scene-out ... --json` printed, if scene and mesh come from there
-    #[arg(long, value_name = "FILE.json")]
+    /// Read the line printed by `qv mesh --scene-out .. --json`
+    #[arg(long, value_name = "FILE.json", help_heading = "Input", hide_short_help = true)]
     moved: Option<PathBuf>,
-    /// Takes every Nth photograph, by name from the first on, as `qv reconstruct` held out; 1 for all
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
+    /// Use every Nth image, as held out by `qv reconstruct`; 1 for all
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..), help_heading = "What to test", hide_short_help = true)]
     hold_out: usize,
-    /// Most cones for each photograph, each in a view of its own
-    #[arg(long, default_value_t = 4, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=100))]
+    /// Insert at most N cones per image
+    #[arg(long, default_value_t = 4, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=100), value_name = "N", help_heading = "What to test", hide_short_help = true)]
     cones: usize,
-    /// Leaves out photographs that were taken from higher than so many metres above the ground
-    #[arg(long, value_name = "M", default_value_t = 3.0, value_parser = positive)]
+    /// Skip images taken higher above the ground
+    #[arg(long, value_name = "METRES", default_value_t = 3.0, value_parser = positive, help_heading = "Advanced", hide_short_help = true)]
     highest: f64,
-    /// The page to write
-    #[arg(long, value_name = "FILE.html")]
+    /// Write the page to this file
+    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -62,7 +62,7 @@ const BUMPS: f32 = 0.04;
 const SLOPE: f32 = 0.262;
 const STEP: f32 = 0.10;
 
-/// The ground that `--ground` names.
+/// The ground that `--terrain` names.
 pub fn ground_of(name: &str, seed: u64) -> Result<Ground, Failure> {
     match name {
         "plane" => Ok(Ground::plane()),
