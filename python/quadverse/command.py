@@ -229,14 +229,14 @@ def train_walk(
     with tempfile.TemporaryDirectory() as folder:
         words = _options(
             robot=robot,
-            ground=ground,
+            terrain=ground,
             iterations=iterations,
             max_seconds=max_seconds,
             until=until,
             robots=robots,
             seed=seed,
             robust=robust,
-            around=_write_parameters(folder, around),
+            params=_write_parameters(folder, around),
             vx=vx,
             vy=vy,
             wz=wz,

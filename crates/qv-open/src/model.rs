@@ -63,7 +63,13 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
     let recorded = |text: &String| {
         // A recording that carries its robot has it beside it, if anywhere, and its meshes.
         let file = own_urdf(path).unwrap_or_else(|| path.with_file_name("robot.urdf"));
-        ModelText { name: file.display().to_string(), text: text.clone(), is_built_in: false, armature: 0.0, remarks: None }
+        ModelText {
+            name: file.display().to_string(),
+            text: text.clone(),
+            is_built_in: false,
+            armature: 0.0,
+            remarks: None,
+        }
     };
     let read = |file: &Path| {
         let (text, remarks) = read_urdf(file, "a robot of `qv robots`, a robot file, or a URDF or MJCF file")?;

@@ -19,7 +19,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv contact walk.mcap --terrain yard.glb --out out/contact\n\
      \x20 qv contact monday.mcap tuesday.mcap --terrain yard.glb --params out/why/calibrated.toml --out out/contact\n\

@@ -22,7 +22,7 @@ use qv_recording::{RecordingError, Run};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv diagnose walk.mcap --out out/why\n\
      \x20 qv diagnose monday.mcap tuesday.mcap --terrain yard.glb --library mine.toml --out out/both\n\
@@ -367,7 +367,7 @@ fn summary(report: &Report) -> String {
     }
     for lead in &report.leads {
         text += &format!(
-            "not accused, but near: {} would close {:.0} %{}\n",
+            "not identified, but near: {} would close {:.0} %{}\n",
             lead.effects.join(" or "),
             100.0 * lead.closed,
             joint_rms(lead.joint_rms)

@@ -12,7 +12,7 @@ use qv_mesh::files::glb;
 use qv_recording::RecordingError;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv fixture --out out/fixture\n\
      \x20 qv replay out/fixture/run.mcap --terrain out/fixture/terrain.glb --out out/replay\n\

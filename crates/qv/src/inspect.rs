@@ -8,7 +8,7 @@ use qv_recording::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Sour
 use qv_recording::{RecordingError, derive, median_interval};
 use serde_json::{Value, json};
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv inspect walk.mcap\n\
      \x20 qv inspect recordings/walk_split --pose-topic /lio/odom --json\n\

@@ -1,16 +1,5 @@
 //! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped.
 
-/// The end of a command's `--help`: examples and results, then exit codes; the second argument is what code 3 means.
-macro_rules! help_text {
-    ($text:literal) => {
-        concat!($text, "\n\nExit codes:\n  0 done, 1 failed, 2 usage error, 130 interrupted")
-    };
-    ($text:literal, $partial:literal) => {
-        concat!($text, "\n\nExit codes:\n  0 done, 1 failed, 2 usage error, 130 interrupted\n  ", $partial)
-    };
-}
-pub(crate) use help_text;
-
 mod ask;
 mod camera;
 mod can_tell;
@@ -58,6 +47,7 @@ mod stop;
 mod terminal;
 #[cfg(feature = "learn")]
 mod tune;
+mod usage;
 mod video;
 mod view;
 #[cfg(feature = "learn")]
@@ -74,7 +64,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::{print_message, say};
 
-const ROOT_EXAMPLE: &str = help_text!(
+const ROOT_EXAMPLE: &str = usage::help_text!(
     "Examples:\n  qv demo\n  qv inspect walk.mcap\n  qv diagnose walk.mcap --out out/why",
     "3 done, but part of the input was lost (reported)"
 );
@@ -364,7 +354,8 @@ mod tests {
     #[test]
     fn commands_of_the_docs_are_understood() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let docs = fs::read_dir(root.join("docs")).unwrap().map(|entry| entry.unwrap().path());
+        let folders = ["docs/guide", "docs/reference", "docs/theory", "docs/dev"].map(|folder| root.join(folder));
+        let docs = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap()).map(|entry| entry.unwrap().path());
         let pages = docs.filter(|path| path.extension().is_some_and(|end| end == "md")).chain([root.join("README.md")]);
         let mut count = 0;
         for page in pages {

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub const EFFECTS_EXAMPLE: &str = crate::help_text!(
+pub const EFFECTS_EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv effects\n\
      \x20 qv effects --library mine.toml --json\n\
@@ -21,7 +21,7 @@ pub const EFFECTS_EXAMPLE: &str = crate::help_text!(
      scale with the motors and mass of the robot."
 );
 
-pub const PARAMS_EXAMPLE: &str = crate::help_text!(
+pub const PARAMS_EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv params go2\n\
      \x20 qv params arm.urdf --fixed-base --json\n\

@@ -26,7 +26,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use weights_file::{fingerprint, weights_at};
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv navigate train --scene out/policy.ply --terrain out/mesh.glb --out out/nav\n\
      \x20 qv navigate test out/nav/weights.bin --scene out/policy.ply --terrain out/mesh.glb --out out/nav/results.json\n\
@@ -46,22 +46,22 @@ pub struct Navigate {
 #[derive(clap::Subcommand)]
 enum Command {
     /// Train a navigation policy (DAgger, then PPO)
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv navigate train --scene out/policy.ply --terrain out/mesh.glb --out out/nav\n\
      \x20 qv navigate train --scene out/policy.ply --terrain out/mesh.glb --from out/nav/weights.bin --rounds 0 --ppo-rounds 20 --out out/ppo\n\
      \n\
      Results: policy.onnx, weights.bin, metrics.json."))]
     Train(train::Train),
     /// Measure the success rate on random episodes, beside baselines
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv navigate test out/nav/weights.bin --scene out/policy.ply --terrain out/mesh.glb --out out/nav/results.json"))]
     Test(Test),
     /// Compare policy outputs on real and rendered images
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv navigate look out/nav/weights.bin --scene out/policy.ply --terrain out/mesh.glb --capture yard --out out/nav/look.html"))]
     Look(look::Look),
     /// Write a page of test results: success, failures, paths
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv navigate page out/nav/results.json --out out/nav/index.html"))]
     Page(ToPage),
 }

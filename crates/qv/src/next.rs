@@ -21,7 +21,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::{fs, slice};
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv diagnose arm.mcap --out out/why\n\
      \x20 qv next arm.mcap --diagnosis out/why --out out/next\n\
@@ -139,7 +139,7 @@ fn to_json(proposals: &[Proposal], all: &[Hypothesis]) -> serde_json::Value {
 }
 
 fn table(proposals: &[Proposal], all: &[Hypothesis]) -> String {
-    let mut text = String::from("To be told apart:\n");
+    let mut text = String::from("To be separated:\n");
     for hypothesis in all {
         let values: Vec<String> = hypothesis.values.iter().map(|v| format!("{v:.4}")).collect();
         let _ = writeln!(

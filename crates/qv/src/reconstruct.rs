@@ -35,7 +35,7 @@ use std::time::Instant;
 use watch::{Run, TRAINING, show_mask};
 use words::{in_words, named_mean};
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv reconstruct captures/yard --out out/yard\n\
      \x20 qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --json\n\
@@ -226,7 +226,7 @@ impl Reconstruct {
         match self.depth_prior.is_some_and(|weight| weight > 0.0) && !depth {
             true => Err(about(
                 &self.capture,
-                "--depth-prior: expected depth images, or photographs without --no-stereo, found none",
+                "--depth-prior: expected depth images, or images without --no-stereo, found none",
             )),
             false => Ok(()),
         }
@@ -444,17 +444,17 @@ impl Reconstruct {
             ("labels", self.labels, without(|one| !one.labels.is_empty())),
         ] {
             if weight > 0.0 && missing > 0 {
-                lost.push(format!("{missing} of {} photographs have no {name}", dataset.training.len()));
+                lost.push(format!("{missing} of {} images have no {name}", dataset.training.len()));
             }
         }
         let alone = dataset.alone();
         if !alone.is_empty() {
             let names = alone.iter().take(5).copied().collect::<Vec<_>>().join(", ");
             let more = if alone.len() > 5 { ", ..." } else { "" };
-            lost.push(format!("{} photographs show nothing that another shows: {names}{more}", alone.len()));
+            lost.push(format!("{} images show nothing that another shows: {names}{more}", alone.len()));
         }
         if dataset.stands_still() && options.weights.depth_prior == 0.0 {
-            lost.push("all photographs were taken from one place: nothing tells depth".into());
+            lost.push("all images were taken from one position: depth cannot be measured".into());
         }
         lost
     }
@@ -473,7 +473,7 @@ impl Reconstruct {
         let mut text = format!("{} Gaussians{loss}, {seconds:.1} s of training\n", metrics["gaussians"]);
         if let Some(steps) = metrics["aside"]["steps"].as_u64().filter(|steps| *steps < u64::from(self.iterations)) {
             let asked = self.iterations;
-            text += &format!("{steps} steps of {asked}: more did not help photographs that were put aside\n");
+            text += &format!("{steps} steps of {asked}: more did not help images that were put aside\n");
         }
         if metrics["scene_of_iteration"] != metrics["iterations"] {
             let [scene, stood] = ["scene_of_iteration", "iterations"].map(|key| &metrics[key]);

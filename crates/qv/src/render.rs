@@ -18,7 +18,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv render scene.ply --cameras transforms.json --out out/views\n\
      \x20 qv render scene.spz --cameras colmap/sparse/0 --out out/views --depth --normals --json\n\

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::slice;
 use std::time::Instant;
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv replay walk.mcap --out out/replay\n\
      \x20 qv replay walk.mcap --robot go2 --terrain yard.glb --params out/why/calibrated.toml --out out/replay\n\

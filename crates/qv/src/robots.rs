@@ -5,7 +5,7 @@ use qv_recording::RecordingError;
 use qv_recording::robots::{ModelSource, RobotFile, built_in, names};
 use serde_json::json;
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv robots\n\
      \x20 qv replay walk.mcap --robot b2.toml --out out/walk\n\

@@ -8,14 +8,14 @@ use clap_complete::Shell;
 use clap_mangen::Man;
 use std::path::{Path, PathBuf};
 
-pub const COMPLETIONS_EXAMPLE: &str = crate::help_text!(
+pub const COMPLETIONS_EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv completions bash > ~/.local/share/bash-completion/completions/qv\n\
      \x20 qv completions zsh > ~/.zfunc/_qv          # with fpath+=~/.zfunc before compinit in ~/.zshrc\n\
      \x20 qv completions fish > ~/.config/fish/completions/qv.fish\n\
      \x20 qv completions powershell >> $PROFILE"
 );
-pub const MAN_EXAMPLE: &str = crate::help_text!(
+pub const MAN_EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv man ~/.local/share/man/man1 && man qv-diagnose"
 );

@@ -4,7 +4,7 @@ use super::source::Source;
 use crate::workspace::{Package, Workspace, short};
 use std::path::Path;
 
-/// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
+/// Layer of each crate; the table of docs/dev/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
 const LAYERS: &[(&str, u8)] = &[
     ("qv-core", 0),
     ("qv-page", 0),
@@ -107,7 +107,7 @@ fn completeness(package: &Package, root: &Path, sources: &[Source]) -> Vec<Strin
         found.push(format!("{}: expected the licence MIT OR Apache-2.0, found {:?}", package.name, package.license));
     }
     let mentioned = format!("`{name}`");
-    for page in ["README.md", "docs/ARCHITECTURE.md"] {
+    for page in ["docs/dev/ARCHITECTURE.md"] {
         let text = sources.iter().find(|source| source.path == Path::new(page)).map(|source| source.text.as_str());
         if !text.is_some_and(|text| text.contains(&mentioned)) {
             found.push(format!("{page}: expected it to name the crate {mentioned}, found nothing"));

@@ -85,14 +85,15 @@ fn leads(leads: &[Lead]) -> String {
     if leads.is_empty() {
         return String::new();
     }
-    let mut text = "<h2>What it looks most like</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap; each \
+    let mut text =
+        "<h2>Nearest candidates</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap; each \
                     line holds effects that this recording cannot distinguish.</p>"
-        .to_string();
+            .to_string();
     for lead in leads {
         let names: Vec<String> = lead.effects.iter().map(|e| words(e)).collect();
         let _ = write!(
             text,
-            "<p><b>{}</b> ({}): would close {} of the gap{}. To tell: {}.</p>",
+            "<p><b>{}</b> ({}): would close {} of the gap{}. To separate: {}.</p>",
             escape(&names.join(", or ")),
             escape(&crate::report::narrative::amounts(lead)),
             percent(lead.closed),
@@ -120,8 +121,8 @@ fn sentences(report: &Report) -> String {
         let items: String = sentences.iter().map(|s| format!("<li>{}</li>", with_code(s))).collect();
         format!("<div><h2>{title}</h2><div class=\"card\"><{tag}>{items}</{tag}></div></div>")
     };
-    let next = list("What to do next", &report.next, "ol");
-    let cannot = list("What this recording cannot tell", &report.cannot_tell, "ul");
+    let next = list("Next steps", &report.next, "ol");
+    let cannot = list("What this recording cannot show", &report.cannot_tell, "ul");
     if next.is_empty() && cannot.is_empty() {
         String::new()
     } else {
@@ -156,7 +157,7 @@ fn place(report: &Report) -> String {
         return String::new();
     }
     format!(
-        "<h2>Where it lies</h2><div class=\"stack\">{}</div>",
+        "<h2>Error breakdown</h2><div class=\"stack\">{}</div>",
         parts.iter().map(|p| format!("<div>{p}</div>")).collect::<String>()
     )
 }

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv demo\n\
      \x20 qv demo --seed 7 --no-open\n\
@@ -48,7 +48,7 @@ impl Demo {
         let hidden = HiddenEffect::drawn(self.seed);
         self.record(&hidden)?;
         let [bag, why, view] = ["run.mcap", "why", "view.html"].map(|name| self.out.join(name));
-        self.notify(&format!("A made-up Go2 walked for {} s. It hides one effect.\n", synthetic::DURATION))?;
+        self.notify(&format!("A simulated Go2 walked for {} s with one hidden effect.\n", synthetic::DURATION))?;
         self.call(&["diagnose".as_ref(), &bag, "--out".as_ref(), &why])?;
         self.call(&["view".as_ref(), &why, "--out".as_ref(), &view])?;
         let report = read(&why.join("report.json"))?;

@@ -15,7 +15,7 @@ pub use child::end_with_parent;
 
 use crate::{Failure, Outcome};
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv fleet plan recordings --out out/fleet -- --terrain yard.glb\n\
      \x20 qv fleet run out/fleet --jobs 4 --memory 4000 --timeout 1800\n\
@@ -34,29 +34,29 @@ pub struct Fleet {
 #[derive(clap::Subcommand)]
 enum What {
     /// Find recordings and write the plan
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv fleet plan recordings --out out/fleet\n\
      \x20 qv fleet plan recordings --group --out out/fleet -- --terrain yard.glb"))]
     Plan(plan::Plan),
     /// Run the units that are not finished
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv fleet run out/fleet --jobs 4 --memory 4000 --timeout 1800\n\
      \x20 qv fleet run out/fleet --unit 0-9", "3 some units failed or lost data"))]
     Run(run::Run),
     /// Summarize all results on one page
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv fleet gather out/fleet"))]
     Gather(gather::Gather),
     /// Print a Slurm job array
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv fleet slurm /shared/fleet --memory 4000 --timeout 1800 > fleet.sbatch"))]
     Slurm(scripts::Slurm),
     /// Print a Snakemake workflow
-    #[command(after_long_help = crate::help_text!("Examples:\n\
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv fleet snakemake /shared/fleet > Snakefile"))]
     Snakemake(scripts::Snakemake),
     /// Stand in for a command in tests and benchmarks
-    #[command(hide = true, after_long_help = crate::help_text!("Examples:\n\
+    #[command(hide = true, after_long_help = crate::usage::help_text!("Examples:\n\
      \x20 qv fleet rehearse run.mcap --out out/unit"))]
     Rehearse(rehearse::Rehearse),
 }

@@ -38,7 +38,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv mesh scene.ply --cameras transforms.json --out mesh.glb\n\
      \x20 qv mesh redkitchen --up ground --triangles 50000 --out kitchen.glb --json\n\

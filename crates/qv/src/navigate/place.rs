@@ -219,7 +219,7 @@ impl Place {
         let eye = SplatEye::painted(&cloud, paints, self.seed).as_made(opened.background, opened.antialias);
         if eye.count() > 200_000 {
             remark(&format!(
-                "{}: with so many Gaussians pictures take long, and a graphics card holds them eight times",
+                "{}: with so many Gaussians pictures take long, and a GPU holds them eight times",
                 file.display()
             ));
         }

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv report --reconstruction out/splats --terrain out/contact/terrain.glb --contact out/contact \\\n\
      \x20   --replay out/replay --diagnosis out/why --out out/report.html\n\

@@ -19,7 +19,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv walk train --iterations 1800 --out out/walk\n\
      \x20 qv walk record out/walk/policy.onnx --out out/log      # a simulated robot with hidden effects; use your own recordings\n\

@@ -33,10 +33,10 @@ pub fn page(report: &Report) -> String {
 
 fn headline(report: &Report) -> String {
     match report.chosen {
-        None => "The policy is as it was.".into(),
+        None => "The policy is unchanged.".into(),
         Some(_) => {
             let less = 100.0 * (1.0 - report.after.position / report.before.position);
-            format!("The robot is expected to stray {less:.0} % less.")
+            format!("Expected reduction of the path-tracking error: {less:.0} %.")
         }
     }
 }
@@ -47,7 +47,7 @@ fn candidates(report: &Report) -> String {
         "joints off by [mrad]",
         "gain over the last that stayed [mrad]",
         "stays",
-        "policy trained on with it: distance from the commanded path [m]",
+        "policy fine-tuned with it: path-tracking error [m]",
     ];
     let mut table = Table::new(&heads);
     for (k, candidate) in report.candidates.iter().enumerate() {
@@ -91,7 +91,7 @@ fn policies(report: &Report) -> String {
         row("trained on as long in the simulator as it was (control)", control);
     }
     if report.chosen.is_some() {
-        row("trained on under what was found", &report.after);
+        row("fine-tuned with what was found", &report.after);
     }
     format!(
         "<h2>What the robot gains</h2><p>Policies walk in a simulator that was fitted to the held-out recordings alone; no training has seen \

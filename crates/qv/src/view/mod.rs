@@ -17,7 +17,7 @@ use serde_json::json;
 use std::fs;
 use std::path::PathBuf;
 
-pub const EXAMPLE: &str = crate::help_text!(
+pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
      \x20 qv view out/why out/contact out/splats --out out/view.html\n\
      \x20 qv view out/why --run walk.mcap --out out/view.html\n\

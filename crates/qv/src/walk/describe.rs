@@ -1,7 +1,8 @@
 //! `qv walk describe`: descriptions of policies from other trainers, as a start for one's own.
 
 use crate::{Failure, Outcome, say};
-use qv_policy::roll::{Description, EXAMPLES};
+use qv_go2::descriptions::DESCRIPTIONS;
+use qv_policy::roll::Description;
 use serde_json::json;
 
 #[derive(clap::Args)]
@@ -19,8 +20,8 @@ impl Describe {
             say(&if self.json { as_json()? } else { list()? })?;
             return Ok(Outcome::Done);
         };
-        let Some((_, text)) = EXAMPLES.iter().find(|(known, _)| known == name) else {
-            let known: Vec<&str> = EXAMPLES.iter().map(|(known, _)| *known).collect();
+        let Some((_, text)) = DESCRIPTIONS.iter().find(|(known, _)| known == name) else {
+            let known: Vec<&str> = DESCRIPTIONS.iter().map(|(known, _)| *known).collect();
             return Err(format!("cannot print '{name}': no such example; examples: {}", known.join(", ")).into());
         };
         let line = json!({"format": "qv-walk-describe/1", "name": name, "toml": text});
@@ -31,7 +32,7 @@ impl Describe {
 
 fn list() -> Result<String, Failure> {
     let mut text = String::new();
-    for (name, toml) in EXAMPLES {
+    for (name, toml) in DESCRIPTIONS {
         text += &format!("{name:<16} {}\n", Description::from_toml(toml)?.name);
     }
     Ok(text)
@@ -39,7 +40,7 @@ fn list() -> Result<String, Failure> {
 
 fn as_json() -> Result<String, Failure> {
     let mut all = Vec::new();
-    for (name, toml) in EXAMPLES {
+    for (name, toml) in DESCRIPTIONS {
         let about = Description::from_toml(toml)?;
         all.push(json!({"name": name, "about": about.name, "source": about.source}));
     }

@@ -391,7 +391,7 @@ impl Train {
             say(&format!("{}\n", super::score::sentence(new)))?;
         }
         print_message!(
-            "the policy in '{}' scores better and stays; --resume --replace with more iterations goes on from this one, whose state is kept",
+            "the policy in '{}' scores better and stays; --resume --replace with more iterations resumes from this one, whose state is kept",
             self.out.display()
         );
         Ok(Outcome::Done)

@@ -72,7 +72,15 @@ pub fn place(folder: &Path, moved: &Pose, scale: f64) {
 
 fn look(folder: &Path, options: &[&str]) -> (i32, Value, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
-    command.current_dir(folder).args(["navigate", "look", "weights.bin", "--scene", "scene.ply", "--terrain", "mesh.glb"]);
+    command.current_dir(folder).args([
+        "navigate",
+        "look",
+        "weights.bin",
+        "--scene",
+        "scene.ply",
+        "--terrain",
+        "mesh.glb",
+    ]);
     command.args(["--capture", "cameras.json", "--hold-out", "1", "--out", "look.html", "--json"]).args(options);
     let output = command.output().unwrap();
     let line = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);

@@ -37,7 +37,7 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool, mostly: f64) -> String 
         let why = if verdict == Verdict::NoGap {
             "There is no gap to close."
         } else {
-            "Nothing is accused, so nothing is closed."
+            "No effect is identified, so nothing is removed."
         };
         let off = if gap.joint_rms[0].is_finite() {
             format!("<p>Joint positions are <b>{before} mrad</b> off (rms).</p>")

@@ -15,9 +15,9 @@ pub(super) fn causes(report: &Report, library: &[Effect]) -> String {
     let mut text = String::from("<h2>What causes it</h2>");
     if report.causes.is_empty() {
         let why = match report.verdict {
-            Verdict::NoGap => "Nothing is accused: there is no gap to explain.",
+            Verdict::NoGap => "No effect is identified: there is no gap.",
             _ => {
-                "Nothing is accused: no effect that the diagnosis knows explains this gap. The runners-up are named so that \
+                "No effect is identified: none of the library explains this gap. The runners-up are named so that \
                   you know where it looked."
             }
         };
@@ -65,7 +65,7 @@ fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String
         row("looks like", names.join(", "));
     }
     if !c.separating_experiment.is_empty() {
-        row("to tell them apart", escape(&c.separating_experiment));
+        row("to separate them", escape(&c.separating_experiment));
     }
     text + "</dl></article>"
 }
