@@ -209,9 +209,7 @@ impl Diagnose {
         remarks.iter().for_each(|what| remark(what));
         lost.iter().for_each(|what| print_message!("{what}"));
         if !report.corrections_apply {
-            print_message!(
-                "what was found makes windows that no fit has seen worse: it is a finding, and no file applies it"
-            );
+            print_message!("correcting the effect raises the error of held-out windows: no file applies it");
         }
         Ok(if lost.is_empty() && report.corrections_apply { Outcome::Done } else { Outcome::Partial })
     }
@@ -339,7 +337,7 @@ fn summary(report: &Report) -> String {
     let gap = &report.gap;
     let mut text = format!("{}\n\n", report.sentence);
     text += &format!(
-        "gap {:.2} before, {:.2} after, {:.2} floor; closed {:.0} % ({:.0} to {:.0}){}\n",
+        "normalized error {:.2} -> {:.2}, noise floor {:.2}; removed {:.0} % ({:.0} to {:.0}){}\n",
         gap.before,
         gap.after,
         gap.floor,
@@ -367,7 +365,7 @@ fn summary(report: &Report) -> String {
     }
     for lead in &report.leads {
         text += &format!(
-            "not identified, but near: {} would close {:.0} %{}\n",
+            "nearest candidate, not identified: {} would remove {:.0} %{}\n",
             lead.effects.join(" or "),
             100.0 * lead.closed,
             joint_rms(lead.joint_rms)
@@ -380,7 +378,7 @@ fn summary(report: &Report) -> String {
             .iter()
             .map(|p| format!("{} {:.4} ({:.4} to {:.4}) {}", p.name, p.value, p.ci95[0], p.ci95[1], p.unit));
         text += &format!(
-            "fitted at once: {} of {}: {}\n",
+            "fitted together: {} of {}: {}\n",
             names.join(" or "),
             effect.scope.join(", "),
             sizes.collect::<Vec<_>>().join(", ")
