@@ -62,7 +62,7 @@ pub struct Diagnose {
     #[arg(long, default_value_t = 0, value_name = "N", help_heading = "What to test")]
     leave_out: usize,
     /// Set the terrain height error (1 sigma) [default: mesh 0.003, plane 0]
-    #[arg(long, value_name = "METRES", help_heading = "Advanced", hide_short_help = true)]
+    #[arg(long, value_name = "METRES", help_heading = "Input", hide_short_help = true)]
     ground_error: Option<f64>,
     /// Test the camera against this Gaussian scene (frame of the poses)
     #[arg(long, value_name = "SCENE.ply", requires = "camera", help_heading = "Scene", hide_short_help = true)]

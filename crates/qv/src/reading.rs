@@ -17,16 +17,16 @@ pub struct RunArguments {
 /// How a recording is read, the same for every command.
 #[derive(Args, Clone, Default)]
 pub struct Reading {
-    /// Read base poses from this topic [default: that of the robot]
-    #[arg(long, value_name = "TOPIC", help_heading = "Advanced", hide_short_help = true)]
-    pub pose_topic: Option<String>,
     /// Set the robot: go2, go1, a2, ... or a URDF, MJCF or TOML file
     ///
     /// Names are those of `qv robots`. Without it the robot is that of the recording.
     #[arg(long, value_name = "ROBOT", help_heading = "Input")]
     pub robot: Option<String>,
+    /// Read base poses from this topic [default: that of the robot]
+    #[arg(long, value_name = "TOPIC", help_heading = "Input", hide_short_help = true)]
+    pub pose_topic: Option<String>,
     /// Read the robot under this namespace, if the bag has several
-    #[arg(long, value_name = "/NAME", help_heading = "Advanced", hide_short_help = true)]
+    #[arg(long, value_name = "/NAME", help_heading = "Input", hide_short_help = true)]
     pub namespace: Option<String>,
 }
 

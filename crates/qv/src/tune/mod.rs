@@ -62,7 +62,7 @@ pub struct Tune {
     #[arg(long, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     seed: Option<u64>,
     /// Read base poses from this topic [default: /Odometry, else any]
-    #[arg(long, value_name = "TOPIC", help_heading = "Advanced", hide_short_help = true)]
+    #[arg(long, value_name = "TOPIC", help_heading = "Input", hide_short_help = true)]
     pose_topic: Option<String>,
     /// Use N threads [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024), help_heading = "Advanced", hide_short_help = true)]
