@@ -400,8 +400,8 @@ mod tests {
         let remarks =
             |alone, closed| sentence(Verdict::PartlyExplained, (&[cause(alone)], &gap(closed)), (&[], &[]), &[]);
         let slips = remarks(0.24, 0.0);
-        assert!(slips.states("closer 24"), "{slips}");
-        assert!(!remarks(0.0, 0.0).contains('%') && !slips.contains("closes 0 %"));
+        assert!(slips.states("held-out 24"), "{slips}");
+        assert!(!remarks(0.0, 0.0).contains('%') && !slips.contains("removes 0 %"));
         assert!(remarks(0.24, 0.3).states("windows 30"));
     }
 }
