@@ -355,8 +355,8 @@ mod tests {
             "a&lt;net</td><td>12.3 ± 1.0",
             "0.400 ± 0.010",
             "0.500 ± 0.020",
-            "deviates 0.500 m",
-            "0.111 m with the tuned",
+            "0.500 m before",
+            "0.111 m after fine-tuning",
         ] {
             assert!(page.contains(part), "{part}");
         }
@@ -365,11 +365,11 @@ mod tests {
             "gap is backlash",
             "Slippery",
             "Better by far",
-            "deviates 0.500",
+            "m before and",
             "Look around",
             "What makes",
             "Friction of",
-            "The place: photo",
+            "Scene: held-out",
         ];
         let places: Vec<usize> = order.iter().map(|part| page.find(part).unwrap()).collect();
         assert!(places.is_sorted(), "what was found comes first, then the place: {places:?}");

@@ -88,7 +88,7 @@ fn policies(report: &Report) -> String {
     };
     row("as it was", &report.before);
     if let Some(control) = &report.control {
-        row("trained on as long in the simulator as it was (control)", control);
+        row("fine-tuned as long in the uncorrected simulator (control)", control);
     }
     if report.chosen.is_some() {
         row("fine-tuned with what was found", &report.after);
@@ -110,7 +110,7 @@ fn paths(pairs: &[PathPair]) -> String {
     let keys = [("floor", "commanded (dashed)"), ("good", "promised by the simulator as it was (dots)")];
     let keys: String = keys
         .into_iter()
-        .chain([("before", "the policy as it was"), ("after", "trained on")])
+        .chain([("before", "the policy as it was"), ("after", "fine-tuned")])
         .map(|(t, n)| key(t, n))
         .collect();
     format!(
@@ -128,7 +128,7 @@ fn figure(name: &str, pair: &PathPair) -> String {
         ("commanded", "commanded", &wanted),
         ("promised", "promised", &pair.promised),
         ("before", "as it was", &pair.before),
-        ("after", "trained on", &pair.after),
+        ("after", "fine-tuned", &pair.after),
     ];
     let ends = |axis: usize| {
         let values = all.iter().flat_map(|(_, _, path)| path.iter().map(move |p| p[axis])).chain([0.0]);
@@ -257,7 +257,7 @@ mod tests {
         let nasty = "</style><script>alert(\"1\" & '2')</script>";
         let text = page(&made_up(nasty));
         for part in
-            ["stray 50 % less", "20.00 ± 1.00", "0.200 ± 0.010", "2 of 64", "(chosen)", "trained on: ends at", "0.0100"]
+            ["path-tracking error: 50 %", "20.00 ± 1.00", "0.200 ± 0.010", "2 of 64", "(chosen)", "fine-tuned: ends at", "0.0100"]
         {
             assert!(text.contains(part), "{part}");
         }
