@@ -401,7 +401,7 @@ mod tests {
         let error = fault(&capture(3, 0.0), &|_| Ok(vec![1, 2]), &options);
         assert!(error.states("JPEG PNG"), "{error}");
         let error = fault(&capture(1, 0.0), &good, &ReadOptions { hold_out: 0, downscale: 1 });
-        assert!(error.states("photographs 2 1 1"), "{error}");
+        assert!(error.states("images 2 1 1"), "{error}");
         let error = fault(&capture(3, 1.5), &good, &options);
         assert!(error.states("overlap"), "{error}");
         let mut one_off = capture(4, 0.0);

@@ -256,9 +256,15 @@ mod tests {
     fn candidates_policies_paths_and_joints_are_told_and_no_name_breaks_the_page() {
         let nasty = "</style><script>alert(\"1\" & '2')</script>";
         let text = page(&made_up(nasty));
-        for part in
-            ["path-tracking error: 50 %", "20.00 ± 1.00", "0.200 ± 0.010", "2 of 64", "(chosen)", "fine-tuned: ends at", "0.0100"]
-        {
+        for part in [
+            "path-tracking error: 50 %",
+            "20.00 ± 1.00",
+            "0.200 ± 0.010",
+            "2 of 64",
+            "(chosen)",
+            "fine-tuned: ends at",
+            "0.0100",
+        ] {
             assert!(text.contains(part), "{part}");
         }
         for never in ["<script", "NaN", "inf", "http:", "https:", "src=", "url("] {

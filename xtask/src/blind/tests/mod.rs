@@ -112,7 +112,7 @@ fn each_origin_has_figures_of_its_own() {
     assert_eq!((of("mujoco walk", "top_1"), of("mujoco walk", "pair_accused")), (None, Some(1.0)));
     let table = table::markdown(&figures);
     assert!(table.contains("| figure | mujoco walk | rapier |"), "{table}");
-    assert!(table.contains("| two at once: both accused | 1.000 of 1 | - |"), "{table}");
+    assert!(table.contains("| two at once: both identified | 1.000 of 1 | - |"), "{table}");
 }
 
 #[test]
@@ -274,7 +274,7 @@ fn baselines_stand_beside() {
     assert_eq!((row("least_squares").named, row("least_squares").none_accused), (Some(0.5), Some(1.0)));
     assert_eq!((row("mujoco_sysid").named, row("mujoco_sysid").closed), (None, Some(0.95)));
     let tables = table::markdown(&figures);
-    for part in ["| least squares | 0.500 | 0.700 | 1.000 | - |", "| (withheld) tether | unknown 1 |", "**no**"] {
+    for part in ["| least squares | 0.500 | 0.700 | 1.000 | - |", "| (out-of-library) tether | unknown 1 |", "**no**"] {
         assert!(tables.contains(part), "{part} is not in\n{tables}");
     }
 }
