@@ -149,7 +149,7 @@ fn a_perfect_diagnosis_meets_the_goals() {
     let missed: Vec<&str> = figures.figures.iter().filter(|f| f.met() == Some(false)).map(|f| f.name).collect();
     // One interface is wrong by construction, and intervals that always hold are too wide.
     assert_eq!(missed, ["interface", "inside_90"]);
-    assert_eq!(figures.confusion["(withheld) tether"]["unknown"], 1);
+    assert_eq!(figures.confusion["(out-of-library) tether"]["unknown"], 1);
     assert_eq!(figures.confusion["(no effect)"]["no_gap"], 1);
 }
 
@@ -312,7 +312,7 @@ fn the_golden_names_what_is_there_and_tells_what_moved() {
     for figure in said {
         let expected = match figure.stage.as_str() {
             "no effect" => "no_gap",
-            withheld if withheld.starts_with("withheld") => "unknown",
+            other if other.starts_with("out-of-library") => "unknown",
             effect => effect,
         };
         assert_eq!(figure.value, json!(expected));
