@@ -39,13 +39,13 @@ def qv(*words, verbose=True):
     process = subprocess.Popen(
         [program(), *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
-    told = []
+    messages = []
 
     def listen():
         for line in process.stderr:
-            told.append(line.decode(errors="replace").rstrip())
+            messages.append(line.decode(errors="replace").rstrip())
             if verbose:
-                print(told[-1], file=sys.stderr)
+                print(messages[-1], file=sys.stderr)
 
     listener = threading.Thread(target=listen, daemon=True)
     listener.start()
@@ -59,9 +59,9 @@ def qv(*words, verbose=True):
         listener.join()
         process.stdout.close()
         process.stderr.close()
-    # 3: part of the input could not be used, which was told.
+    # 3: part of the input could not be used, which was reported.
     if process.returncode not in (0, 3):
-        raise QvError("\n".join(told) or f"qv {words[0]} ended with {process.returncode}")
+        raise QvError("\n".join(messages) or f"qv {words[0]} ended with {process.returncode}")
     return printed
 
 
@@ -222,21 +222,21 @@ def train_walk(
     threads=None,
     verbose=True,
 ):
-    """Teaches a robot to walk after velocity commands, in the folder ``out``; arguments are those of ``qv walk train``.
+    """Train a locomotion policy into the folder ``out``; arguments are those of ``qv walk train``.
 
     ``around`` is a calibrated.toml, or a dict of parameters such as ``Report.calibrated``.
     """
     with tempfile.TemporaryDirectory() as folder:
         words = _options(
             robot=robot,
-            ground=ground,
+            terrain=ground,
             iterations=iterations,
             max_seconds=max_seconds,
             until=until,
             robots=robots,
             seed=seed,
             robust=robust,
-            around=_write_parameters(folder, around),
+            params=_write_parameters(folder, around),
             vx=vx,
             vy=vy,
             wz=wz,
@@ -251,7 +251,7 @@ def train_walk(
 
 
 class Tuned(Policy):
-    """A policy that was trained on under what recordings show; ``fields`` are those of ``tune.json``."""
+    """A policy fine-tuned on recordings; ``fields`` are those of ``tune.json``."""
 
     def __init__(self, folder):
         super().__init__(folder)

@@ -75,7 +75,7 @@ def _unit(folder, unit, words, path=None):
         stderr=subprocess.PIPE,
     )
     try:
-        told = process.communicate()[1].decode(errors="replace")
+        message = process.communicate()[1].decode(errors="replace")
     except BaseException:
         process.terminate()
         try:
@@ -86,9 +86,9 @@ def _unit(folder, unit, words, path=None):
     code = process.returncode
     # A unit that failed is a result. What ends otherwise is the affair of the machine: Ray starts it again.
     if code not in (0, 1, 3):
-        raise QvError(told or f"qv fleet run ended with {code}")
+        raise QvError(message or f"qv fleet run ended with {code}")
     if code == 1 and not any((Path(folder) / "units" / unit / name).is_file() for name in ("failed.json", "done.json")):
-        raise QvError(told)
+        raise QvError(message)
     return code
 
 

@@ -147,8 +147,8 @@ class Navigator:
         import onnxruntime
 
         self.session = onnxruntime.InferenceSession(str(policy), providers=["CPUExecutionProvider"])
-        told = self.session.get_modelmeta().custom_metadata_map
-        self.recall = Recall([float(x) for x in told["half_sides"].split()])
+        metadata = self.session.get_modelmeta().custom_metadata_map
+        self.recall = Recall([float(x) for x in metadata["half_sides"].split()])
         self.colour = np.eye(3, dtype=np.float32)[COLOURS.index(colour)]
         self.memory = np.zeros((1, 192), np.float32)
         self.last = np.zeros(3)

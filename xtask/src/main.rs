@@ -3,6 +3,7 @@
 mod advisories;
 mod bench;
 mod blind;
+mod book;
 mod fuzz;
 mod golden;
 mod guides;
@@ -43,7 +44,9 @@ enum Chore {
     Quick(quick::Quick),
     /// The main job on a made-up yard: photographs, recordings, scene, mesh, friction, replay, diagnosis, one page
     Pipeline(pipeline::Pipeline),
-    /// Check the invariants of docs/ARCHITECTURE.md
+    /// Check the links of docs/ and build them as a book in target/book (needs mdbook)
+    Book,
+    /// Check the invariants of docs/dev/ARCHITECTURE.md
     Tidy,
     /// Reference results: check against them, or write them anew
     #[command(subcommand)]
@@ -83,6 +86,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Test { release } => test::run(&workspace, release),
         Chore::Quick(quick) => quick::run(&workspace, &quick),
         Chore::Pipeline(pipeline) => pipeline::run(&workspace, &pipeline),
+        Chore::Book => book::run(&workspace),
         Chore::Tidy => tidy::run(&workspace),
         Chore::Golden(golden) => golden::run(&workspace, golden),
         Chore::Guides(guides) => guides::run(&workspace, &guides),

@@ -75,7 +75,7 @@ mod tests {
         assert_eq!(of(&["crates/qv-sim/src/lib.rs", "README.md"]), ["quadverse-sim"]);
         assert_eq!(of(&["crates/qv/Cargo.toml"]), ["quadverse"], "not the crates whose names begin alike");
         assert_eq!(of(&["fixtures/yard/src/lib.rs"]), ["yard"]);
-        assert!(of(&["docs/tuning.md"]).is_empty());
+        assert!(of(&["docs/guide/tuning.md"]).is_empty());
         assert_eq!(of(&["fixtures/facts.rs"]).len(), workspace.members().count(), "what tests share");
     }
 }

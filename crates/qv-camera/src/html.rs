@@ -33,7 +33,7 @@ pub fn section(sight: &Sight, looks: &[Looks]) -> String {
         let _ = write!(text, "<p><b>{}</b>: {}</p>", escape(&words(&cause.effect)), escape(&values.join(", ")));
     }
     if !looks.is_empty() {
-        text += "<div class=\"scroll\"><table><tr><th>photograph<th>scene as measured<th>difference<th>scene corrected<th>difference</tr>";
+        text += "<div class=\"scroll\"><table><tr><th>image<th>scene as measured<th>difference<th>scene corrected<th>difference</tr>";
         looks.iter().for_each(|looks| text += &row(looks));
         text += "</table></div>";
     }

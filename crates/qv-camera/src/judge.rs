@@ -40,7 +40,7 @@ pub const EFFECTS: [CameraEffect; 5] = [
         unit: "1",
         of: GAIN..GAIN + 1,
         range: [-2.0, 2.0],
-        experiment: "photograph a grey card with the exposure fixed",
+        experiment: "record images of a grey card with the exposure fixed",
     },
     CameraEffect {
         name: "camera_delay",
@@ -64,7 +64,7 @@ pub const EFFECTS: [CameraEffect; 5] = [
         unit: "1",
         of: FOCAL..FOCAL + 1,
         range: [-0.4, 0.4],
-        experiment: "photograph a board of known size at two distances",
+        experiment: "record images of a board of known size at two distances",
     },
     CameraEffect {
         name: "camera_blur",
@@ -72,7 +72,7 @@ pub const EFFECTS: [CameraEffect; 5] = [
         unit: "px²",
         of: BLUR..BLUR + 1,
         range: [0.0, 25.0],
-        experiment: "stand still and photograph an edge: a lens out of focus blurs it, motion does not",
+        experiment: "stand still and record an edge: a lens out of focus blurs it, motion does not",
     },
 ];
 
@@ -99,7 +99,7 @@ pub fn judge(
 ) -> Result<Look, CameraError> {
     let (rig, policy) = (footage.rig, &options.policy);
     let sightings: Vec<Sighting> = seen.iter().map(|s| s.sighting.clone()).collect();
-    let no_good = || CameraError::new("images", "photographs that agree with the scene somewhere", "none");
+    let no_good = || CameraError::new("images", "images that agree with the scene somewhere", "none");
     let together = Together::new(path, rig.base_from_camera, rig.delay, &sightings).ok_or_else(no_good)?;
     let judge = Judge { footage, together, seen, stated: stated(&rig, options.width), width: options.width, policy };
     let shows_another_place = judge.share_accounted_for() < policy.camera_accounted;

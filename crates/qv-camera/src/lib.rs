@@ -2,7 +2,7 @@
 //!
 //! Stage one aligns each photograph with the scene and gets what it is off by (`align`); stage two asks which effect of the
 //! camera all photographs share (`model`, `judge`), and shows how far photographs and scene agree in
-//! photographs that the fit has not seen. What is accused is decided from that by `qv_gap::decision`. See `docs/visual.md`.
+//! photographs that the fit has not seen. What is accused is decided from that by `qv_gap::decision`. See `docs/guide/visual.md`.
 
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};

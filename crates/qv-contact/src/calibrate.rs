@@ -475,7 +475,7 @@ fn notes(regions: &[Region], background_is_all: bool, without_segment: Option<f6
                 notes.push(format!("{}: feet stood on it for {:.1} s: the prior is kept", r.label, r.contact_time));
             }
             Status::Insensitive => notes.push(format!(
-                "{}: the recording tells hardly more than the prior ({:.2} nats): the prior is kept",
+                "{}: the recording adds little to the prior ({:.2} nats): the prior is kept",
                 r.label, r.information
             )),
             Status::Grips => notes.push(format!(
@@ -484,17 +484,19 @@ fn notes(regions: &[Region], background_is_all: bool, without_segment: Option<f6
                 r.label, r.posterior.mean, r.posterior.interval90[0], r.posterior.interval90[1]
             )),
             Status::Refined if r.is_lower_bound => notes.push(format!(
-                "{}: feet did not slip on it enough to tell more than that friction is at least about {:.2}",
+                "{}: feet slipped too little: friction is at least about {:.2}",
                 r.label, r.posterior.interval90[0]
             )),
             Status::Refined => {}
         }
     }
     if let Some(length) = without_segment {
-        notes.push(format!("no recording has a stretch of {length} s without gaps: errors of the base are not told"));
+        notes.push(format!(
+            "no recording has a stretch of {length} s without gaps: errors of the base are not reported"
+        ));
     }
     if background_is_all {
-        notes.push("too few windows without slip: what is usual is told from all windows".into());
+        notes.push("too few windows without slip: the usual error is computed from all windows".into());
     }
     notes
 }

@@ -1,7 +1,7 @@
 //! Friction of the ground by material: a prior from what its label says, refined by replaying what a robot recorded on it.
 //!
 //! [`calibrate`] takes runs, the robot's model, the labelled mesh and priors ([`prior`]); what it finds is plain data
-//! ([`report`]), drawn by [`html`]. See `docs/contact.md` for the equations.
+//! ([`report`]), drawn by [`html`]. See `docs/guide/contact.md` for the equations.
 
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};

@@ -102,7 +102,7 @@ impl Kind {
     pub fn words(self) -> &'static str {
         match self {
             Self::Failed => "the command failed",
-            Self::Usage => "wrong usage",
+            Self::Usage => "usage error",
             Self::Timeout => "too slow",
             Self::Memory => "too much memory",
             Self::Killed => "killed",

@@ -2,7 +2,7 @@
 //!
 //! A recording is cut into windows, each simulated from its measured start; what is left is compared with what robots
 //! without an effect leave (`null`), candidates are ranked by joint fits (`inference`) and measured in windows that
-//! no fit has seen (`diagnose/rounds`, `checks`). What is accused is decided from these figures alone (`decision`). See `docs/diagnosis.md`.
+//! no fit has seen (`diagnose/rounds`, `checks`). What is accused is decided from these figures alone (`decision`). See `docs/theory/diagnosis.md`.
 //!
 //! An example, which makes its recording itself:
 #![doc = concat!("```\n", include_str!("../examples/diagnose.rs"), "```")]

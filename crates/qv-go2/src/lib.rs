@@ -4,6 +4,7 @@
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};
 
+pub mod descriptions;
 pub mod gait;
 pub mod messages;
 pub mod model;

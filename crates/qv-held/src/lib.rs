@@ -3,7 +3,7 @@
 //! A recording becomes equations whose rows are linear in all that a robot may differ in (`balance`, `regressor`). References say how far a robot
 //! strays without a cause (`study`): recordings of it, or a fleet of faultless robots within the tolerances, simulated in closed loop with the
 //! recording's own controller (`fleet`). Servos without torques are compared by their positions, joint by joint (`servo`, `path`, `source`). Every hypothesis is measured against them (`measure`): [`Evidence`] is plain data, and [`decide`] says
-//! what comes of it. Source and figures: `docs/diagnosis.md`.
+//! what comes of it. Source and figures: `docs/theory/diagnosis.md`.
 
 mod balance;
 mod decision;

@@ -4,7 +4,7 @@
 //! surface by marching cubes; [`clean`] keeps the largest piece, [`close`] fills holes and makes the ground a solid; [`labels`] gives
 //! each face the material of the Gaussians or pixels nearest to it; [`decimate()`] takes away triangles within a bound; [`similarity`]
 //! brings it to metres and z up; [`files`] writes it. [`reconstruct`] does all of it. [`compare`] says how close two surfaces are.
-//! `docs/mesh.md` has the equations.
+//! `docs/guide/mesh.md` has the equations.
 //!
 //! All of it is parallel where that pays, and gives the same bits on any number of threads. Nothing here opens a file.
 

@@ -2,7 +2,7 @@
 //!
 //! [`map`] says where one can go on a labelled mesh; [`teacher`] plans, but uses the cone only once it could be seen; an [`eye::Eye`] draws what
 //! a camera on the robot sees, [`veils`] leaves out what a reconstruction left hanging in the air, [`lens`] makes of it what a real camera would; [`legs::Legs`] carry it. [`dagger`] lets a [`net::Net`] drive
-//! and learn from what the teacher says, [`tune`] lets it learn from its own trials (PPO). [`photographs`] holds the eye against photographs. [`task`] draws episodes and judges them, [`score`] counts. [`mod@env`] is the same for learners of other programs. See `docs/navigation.md`.
+//! and learn from what the teacher says, [`tune`] lets it learn from its own trials (PPO). [`photographs`] holds the eye against photographs. [`task`] draws episodes and judges them, [`score`] counts. [`mod@env`] is the same for learners of other programs. See `docs/guide/navigation.md`.
 
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};

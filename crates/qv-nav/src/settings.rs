@@ -168,7 +168,7 @@ impl TrainSettings {
             let Mixture { alone, taught, stray, stretch, goal_given } = mixture;
             let shares = [alone, taught, stray, taught + stray, goal_given].iter().all(|x| (0.0..=1.0001).contains(x));
             if !(shares && (1.0..=1e6).contains(&stretch)) {
-                let expected = "shares of 0 to 1, taught and stray together at most 1, a stretch of at least 1";
+                let expected = "shares of 0 to 1, `taught` and `stray` together at most 1, a stretch of at least 1";
                 return Err(NavError::value(what, expected, format!("{mixture:?}")));
             }
         }

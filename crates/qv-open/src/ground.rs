@@ -76,7 +76,7 @@ pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<(), RecordingError> 
     };
     let way = format!("x {}, y {}, z {} m", range(0), range(1), range(2));
     let expected = format!(
-        "ground below the robot, whose poses have {way} (meshes are read with z up, in the frame of the poses)"
+        "ground below the robot, camera poses have {way} (meshes are read with z up, in the frame of the poses)"
     );
     Err(qv_core::Mismatch::new("terrain", expected, format!("none below {} of {} poses", bare.len(), places.len()))
         .into())

@@ -43,5 +43,5 @@ pub use table::{mapping_of, run_of_table, urdf_beside};
 
 /// Its code is compiled, so that it is not wrong one day.
 #[cfg(doctest)]
-#[doc = include_str!("../../../docs/tutorial_rust.md")]
+#[doc = include_str!("../../../docs/guide/tutorial_rust.md")]
 struct Tutorial;

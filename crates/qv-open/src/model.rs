@@ -4,6 +4,7 @@ use crate::description::description_of;
 use crate::error::file_error;
 use crate::mesh_file::vertices;
 use qv_core::Mismatch;
+use qv_policy::velocity::{self, known_robot};
 use qv_recording::robots::{ModelSource, RobotFile};
 use qv_recording::run::{Base, Robot};
 use qv_recording::{RecordingError, Run, robots};
@@ -39,13 +40,22 @@ pub(crate) fn robot_file(name: &str) -> Result<Option<FoundRobot>, RecordingErro
 }
 
 /// The text of a robot's model.
-struct ModelText {
+pub(crate) struct ModelText {
     /// Its file, or what stands for it in messages.
     name: String,
-    text: String,
+    pub(crate) text: String,
     /// Whether the program has it, so that all of the robot is known.
     is_built_in: bool,
+    /// Rotor inertia of every joint \[kg m²\], where the model states none.
+    pub(crate) armature: f64,
     remarks: Option<String>,
+}
+
+/// The model of a robot that comes with the program for walking: go1, a1, a2, anymal_c.
+pub(crate) fn walking_robot(name: &str) -> Option<ModelText> {
+    let (file, model) = known_robot(name)?;
+    let armature = velocity::RobotFile::parse(file).ok().and_then(|file| file.armature).unwrap_or(0.0);
+    Some(ModelText { name: name.into(), text: model.into(), is_built_in: false, armature, remarks: None })
 }
 
 /// The model that `robot` names, else that of the recording.
@@ -53,17 +63,23 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
     let recorded = |text: &String| {
         // A recording that carries its robot has it beside it, if anywhere, and its meshes.
         let file = own_urdf(path).unwrap_or_else(|| path.with_file_name("robot.urdf"));
-        ModelText { name: file.display().to_string(), text: text.clone(), is_built_in: false, remarks: None }
+        ModelText {
+            name: file.display().to_string(),
+            text: text.clone(),
+            is_built_in: false,
+            armature: 0.0,
+            remarks: None,
+        }
     };
     let read = |file: &Path| {
         let (text, remarks) = read_urdf(file, "a robot of `qv robots`, a robot file, or a URDF or MJCF file")?;
-        Ok(ModelText { name: file.display().to_string(), text, is_built_in: false, remarks })
+        Ok(ModelText { name: file.display().to_string(), text, is_built_in: false, armature: 0.0, remarks })
     };
     let found = match (robot, recorded_robot) {
         (None, Robot::Urdf(text)) => return Ok(recorded(text)),
         (Some(name), _) => match robot_file(name)? {
             Some(found) => found,
-            None => return read(Path::new(name)),
+            None => return walking_robot(name).map_or_else(|| read(Path::new(name)), Ok),
         },
         (None, Robot::Named(name)) => robot_file(name)?.ok_or_else(|| {
             let known: Vec<&str> = robots::names().collect();
@@ -75,10 +91,14 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
     match (&found.file.model, recorded_robot) {
         (ModelSource::File(file), _) => read(&found.folder.join(file)),
         (ModelSource::BuiltIn(owner), _) if owner == GO2 => {
-            Ok(ModelText { name: owner.clone(), text: qv_go2::model::urdf(), is_built_in: true, remarks: None })
+            let (text, armature) = (qv_go2::model::urdf(), qv_go2::model::ARMATURE);
+            Ok(ModelText { name: owner.clone(), text, is_built_in: true, armature, remarks: None })
         }
         (_, Robot::Urdf(text)) => Ok(recorded(text)),
         _ => {
+            if let Some(model) = walking_robot(name) {
+                return Ok(model);
+            }
             let expected = format!(
                 "`--robot FILE` with its URDF or MJCF, or with a robot file that has `like = \"{name}\"`, a `name` and `urdf = \"FILE\"`"
             );
@@ -92,8 +112,7 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
 /// # Errors
 /// As [`model_of`].
 pub fn model_named(name: &str, base: BaseKind) -> Result<Model, RecordingError> {
-    let ModelText { name, text, is_built_in, .. } = model_text(&Robot::Named(name.into()), Path::new(""), Some(name))?;
-    let armature = if is_built_in { qv_go2::model::ARMATURE } else { 0.0 };
+    let ModelText { name, text, armature, .. } = model_text(&Robot::Named(name.into()), Path::new(""), Some(name))?;
     let beside = Path::new(&name).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let meshes = |mesh: &str| vertices(beside, mesh);
     let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held: &[] };
@@ -109,14 +128,12 @@ const GO2: &str = "go2";
 /// # Errors
 /// When the name is unknown, the file cannot be read, or it holds no good URDF or MJCF.
 pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, RecordingError> {
-    let ModelText { name, text: urdf, is_built_in, remarks } = model_text(&run.robot, path, robot)?;
+    let ModelText { name, text: urdf, is_built_in, armature, remarks } = model_text(&run.robot, path, robot)?;
     let mut remarks: Vec<String> = remarks.into_iter().collect();
     let base = match run.base {
         Base::Free => BaseKind::Floating,
         Base::Fixed => BaseKind::Fixed,
     };
-    // URDF has no tag for rotor inertia: a named robot's is known, any other's comes with the recording.
-    let armature = if is_built_in { qv_go2::model::ARMATURE } else { 0.0 };
     // Meshes lie where the URDF does, wherever the recording is.
     let beside = Path::new(&name).parent().unwrap_or(Path::new(""));
     let beside = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };

@@ -2,7 +2,7 @@
 
 use crate::error::file_error;
 use crate::mesh_file::vertices;
-use crate::model::{read_model, read_urdf};
+use crate::model::{read_model, read_urdf, walking_robot};
 use qv_recording::RecordingError;
 use qv_sim::{BaseKind, Model, ModelOptions};
 use std::path::Path;
@@ -17,10 +17,14 @@ pub fn robot_model(robot: &str, base: BaseKind) -> Result<Model, RecordingError>
     let (text, armature, remarks) = match robot {
         "go2" => (qv_go2::model::urdf_with_shapes(), qv_go2::model::ARMATURE, None),
         text if is_text => (text.to_owned(), 0.0, None),
-        _ => {
-            let (text, remarks) = read_urdf(path, "go2, a URDF or MJCF file, or the text of one")?;
-            (text, 0.0, remarks)
-        }
+        name => match walking_robot(name) {
+            Some(found) => (found.text, found.armature, None),
+            None => {
+                let (text, remarks) =
+                    read_urdf(path, "go2, go1, a1, a2, anymal_c, a URDF or MJCF file, or the text of one")?;
+                (text, 0.0, remarks)
+            }
+        },
     };
     let beside = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
@@ -39,6 +43,8 @@ mod tests {
     fn a_robot_is_a_name_a_file_or_a_text() {
         let go2 = robot_model("go2", BaseKind::Floating).unwrap();
         assert_eq!((go2.joints.len(), go2.nq()), (12, 19));
+        let a2 = robot_model("a2", BaseKind::Floating).unwrap();
+        assert!(a2.mass() > 25.0 && a2.joints.len() == 12, "{} kg", a2.mass());
         let text = qv_go2::model::urdf();
         assert_eq!(robot_model(&text, BaseKind::Fixed).unwrap().nq(), 12);
         let file = std::env::temp_dir().join(format!("qv-robot-{}.urdf", std::process::id()));

@@ -51,6 +51,14 @@ pub fn verdict(mood: Mood, badge: &str, html: &str) -> String {
     format!("<div class=\"card verdict {}\">{badge}<div>{html}</div></div>", mood.class())
 }
 
+/// Questions with their answers beside each other, for the first screen: names are text, answers are HTML. Empty answers take no room.
+pub fn answers(rows: &[(&str, String)]) -> String {
+    let answered = rows.iter().filter(|(_, answer)| !answer.is_empty());
+    let one = |(name, answer): &(&str, String)| format!("<div><dt>{}</dt><dd>{answer}</dd></div>", escape(name));
+    let all: String = answered.map(one).collect();
+    if all.is_empty() { all } else { format!("<dl class=\"answers\">{all}</dl>") }
+}
+
 /// Paragraphs of notes, which are text.
 pub fn notes(notes: &[String]) -> String {
     notes.iter().map(|note| format!("<p class=\"soft\">{}</p>", escape(note))).collect()

@@ -2,7 +2,7 @@
 //!
 //! [`velocity`] is the task, for any robot that a URDF and a few lines describe ([`velocity::TaskRobot`]); [`ppo`] is the learner, over any
 //! [`env::VectorEnv`]; [`train`] puts them together with scores and checkpoints; [`policy`] is what comes out. [`onnx`] writes files, and
-//! with the feature `onnx` runs anyone's; [`roll`] runs them on a robot from a description. See `docs/walking.md`.
+//! with the feature `onnx` runs anyone's; [`roll`] runs them on a robot from a description. See `docs/guide/walking.md`.
 //!
 //! ```
 //! use qv_policy::train::{TrainSettings, Training};

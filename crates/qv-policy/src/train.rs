@@ -227,7 +227,7 @@ impl Training {
     pub fn start_from(&mut self, other: &Checkpoint) -> Result<(), PolicyError> {
         self.fits(other)?;
         if other.iterations == 0 {
-            let (expected, found) = ("one of a training that has learnt something", "one of iteration 0");
+            let (expected, found) = ("a checkpoint after iteration 0", "iteration 0");
             return Err(PolicyError::Mismatch(Mismatch::new("checkpoint", expected, found)));
         }
         self.ppo.parameters.clone_from(&other.parameters);

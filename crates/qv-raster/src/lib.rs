@@ -3,7 +3,7 @@
 //! A [`Scene`] is a cloud that all environments share, with groups of Gaussians that move in each environment on their own. A
 //! batch of [`View`]s is drawn in stages ([`stages`]): cull, project, sort by depth, emit an entry for each tile that a Gaussian
 //! touches, sort by tile, blend. The CPU does all of it in parallel and gives the same bits on any number of threads. See
-//! `docs/rasteriser.md` for the equations.
+//! `docs/theory/rasteriser.md` for the equations.
 //!
 //! ```
 //! use qv_core::{Camera, GaussianCloud, Pose};

@@ -39,7 +39,7 @@ pub(crate) fn from_torques(run: &mut Run) {
         if let Some((fit, name)) = worst {
             let share = fit.map_or(0.0, |f| 100.0 * f.explained);
             run.remarks.push(format!(
-                "no message states gains, and the torques do not tell them: of `{name}` they would explain {share:.0} %"
+                "no message states gains, and the torques do not report them: of `{name}` they would explain {share:.0} %"
             ));
         }
         return;
@@ -52,7 +52,7 @@ pub(crate) fn from_torques(run: &mut Run) {
         format!("{low:.3} to {high:.3}")
     };
     run.remarks.push(format!(
-        "no message states gains: those that the torques tell are used, kp {}, kd {}",
+        "no message states gains: those that the torques report are used, kp {}, kd {}",
         range(|f| f.kp),
         range(|f| f.kd)
     ));

@@ -1,5 +1,5 @@
 //! Robots as files: what their messages mean, as a [`Mapping`]. The built-in ones lie in `robots/` of this crate; the format is
-//! described in `docs/formats.md`.
+//! described in `docs/reference/formats.md`.
 
 use crate::RecordingError;
 use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping, StreamMapping};

@@ -60,7 +60,7 @@ pub fn find_gains(
             let [low, high] = [-1.0, 1.0].map(|s| found.gains[k] * (1.0 + s * DEVIATIONS * deviations[k]).max(0.0));
             run.remarks.push(format!(
                 "{name} is stated as unknown: {:.4} {unit} of all joints ({low:.4} to {high:.4}) lets the simulator follow best, and no gain is \
-                 accused of anything",
+                 identified as an effect",
                 found.gains[k]
             ));
         }

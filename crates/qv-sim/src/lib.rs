@@ -3,7 +3,7 @@
 //! A [`Model`] is read from URDF (or from MJCF, [`mjcf`]) and set on a [`Terrain`] as a [`Batch`] of environments, each with its own state and its
 //! own parameters. The contact model and integrator are MuJoCo's (elliptic cone, `implicitfast`), solved by Newton's
 //! method in reduced coordinates; vector lanes hold one environment each, and an environment's bits do not depend on
-//! its lane, the batch or the threads. See `docs/simulator.md` for the equations.
+//! its lane, the batch or the threads. See `docs/theory/simulator.md` for the equations.
 //!
 //! ```
 //! use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimOptions, State, Terrain};

@@ -1,7 +1,7 @@
 //! Gaussian splats on disk, and the cameras of a capture.
 //!
 //! [`files`] reads and writes 3DGS PLY, compressed PLY, SPZ and glTF `KHR_gaussian_splatting`, and reads `.splat`;
-//! `docs/splat_files.md` has the layouts, their sources and their quantisation. [`captures`] reads the cameras that images were taken with:
+//! `docs/reference/splat_files.md` has the layouts, their sources and their quantisation. [`captures`] reads the cameras that images were taken with:
 //! nerfstudio, COLMAP, RGB-D folders, and a JSON of our own. [`lens`] draws what a distorted camera sees.
 //!
 //! Nothing here opens a file: callers pass bytes. No memory is taken on a file's word: a count is held against the bytes that

@@ -1,4 +1,4 @@
-//! `qv inspect --can-tell`: the least sizes of effects that a recording shows, before anything is looked for in it.
+//! `qv inspect --detectable`: the least sizes of effects that a recording shows, before anything is looked for in it.
 
 use crate::Reading;
 use crate::ground::{check_ground, terrain_of};

@@ -22,16 +22,20 @@ use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLE: &str = "Example:\n  qv check walk.mcap go2.urdf scene.ply ground.glb captures/yard policy.onnx\n\n\
-    Exit codes: 0 done, 1 a file is nothing that qv reads, 2 wrong usage, 3 done with part of the input lost (named).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv check walk.mcap\n\
+     \x20 qv check go2.urdf scene.ply terrain.glb captures/yard policy.onnx",
+    "3 done, but part of the input was lost (reported); 1 also: unknown file type"
+);
 
 #[derive(clap::Args)]
 pub struct Check {
-    /// Files or folders: recordings, robots, captures, scenes, terrains, policies
+    /// Files or directories to identify
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// One line of JSON for each file instead of the screen
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

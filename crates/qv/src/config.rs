@@ -170,7 +170,12 @@ fn options(command: &Command) -> impl Iterator<Item = &Arg> {
 }
 
 fn option<'c>(command: &'c Command, long: &str) -> Option<&'c Arg> {
-    options(command).find(|arg| arg.get_long() == Some(long))
+    options(command).find(|arg| has_name(arg, long))
+}
+
+/// Whether a long name is the option's own, or one of an older version.
+fn has_name(arg: &Arg, long: &str) -> bool {
+    arg.get_long() == Some(long) || arg.get_all_aliases().is_some_and(|old| old.contains(&long))
 }
 
 fn is_flag(arg: &Arg) -> bool {
@@ -266,7 +271,7 @@ fn long_of(word: &str) -> Option<&str> {
 /// Whether a word of the command line is this option, with a value or without.
 fn names(arg: &Arg, word: &str) -> bool {
     if let Some(long) = long_of(word) {
-        return arg.get_long() == Some(long);
+        return has_name(arg, long);
     }
     let shorts = word.strip_prefix('-').unwrap_or("");
     arg.get_short().is_some_and(|short| shorts.contains(short)) && shorts.chars().all(char::is_alphabetic)

@@ -19,55 +19,61 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = "Example:\n  qv contact walk.mcap --terrain yard.glb --out out/contact\n  \
-    qv contact monday.mcap tuesday.mcap --terrain yard.glb --params out/diagnosis/calibrated.toml --out out/contact\n  \
-    qv contact walk.mcap --terrain yard.glb --ask http://localhost:8080/v1 --model NAME --out out/contact\n\n\
-    Writes contact.json, contact.html, calibrated.toml (for --params) and terrain.glb (the same mesh with the frictions).\n\
-    A file for --friction-prior, as a language model answers: {\"grass\": {\"mean\": 0.5, \"sd\": 0.15, \"source\": \"..\"}}.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv contact walk.mcap --terrain yard.glb --out out/contact\n\
+     \x20 qv contact monday.mcap tuesday.mcap --terrain yard.glb --params out/why/calibrated.toml --out out/contact\n\
+     \x20 qv contact walk.mcap --terrain yard.glb --ask http://localhost:8080/v1 --model NAME --out out/contact\n\
+     \n\
+     Results: contact.json, contact.html, calibrated.toml (for --params), terrain.glb (the mesh with the identified friction).\n\
+     --friction-prior reads JSON: {\"grass\": {\"mean\": 0.5, \"sd\": 0.15, \"source\": \"..\"}}.",
+    "3 done, but part of the input was lost (reported)"
+);
 
 /// Share of the time that simulations take.
 const SIMULATING: f64 = 0.98;
 
 #[derive(clap::Args)]
 pub struct Contact {
-    /// Bags (.mcap files, or directories of split bags), or tables, of one robot on one ground
+    /// Recordings of one robot on one terrain: bags or tables
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
-    /// A mesh with a material per label
-    #[arg(long, value_name = "FILE.glb")]
+    /// Set the terrain: a mesh with one material per label
+    #[arg(long, value_name = "FILE.glb", help_heading = "Input")]
     terrain: PathBuf,
     #[command(flatten)]
     reading: Reading,
-    /// Parameters that are known already, as `qv diagnose` writes them
-    #[arg(long, value_name = "FILE.toml")]
+    /// Read known simulator parameters (calibrated.toml)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Input")]
     params: Option<PathBuf>,
-    /// A table of materials of your own in place of the one that comes with the program
-    #[arg(long, value_name = "FILE.toml")]
+    /// Replace the built-in table of material friction
+    #[arg(long, value_name = "FILE.toml", help_heading = "Advanced", hide_short_help = true)]
     materials: Option<PathBuf>,
-    /// Priors of labels, in place of the table's: a language model's answer, as JSON
-    #[arg(long, value_name = "FILE.json", conflicts_with = "ask")]
+    /// Read friction priors by label: {"grass": {"mean": .., "sd": ..}}
+    #[arg(long, value_name = "FILE.json", conflicts_with = "ask", help_heading = "Advanced", hide_short_help = true)]
     friction_prior: Option<PathBuf>,
-    /// Ask a language model for priors: an OpenAI-compatible endpoint; the key is read from QV_API_KEY
-    #[arg(long, value_name = "URL", requires = "model")]
+    /// Query an OpenAI-compatible endpoint for priors (key: QV_API_KEY)
+    #[arg(long, value_name = "URL", requires = "model", help_heading = "Advanced", hide_short_help = true)]
     ask: Option<String>,
-    /// Name of that model
-    #[arg(long, value_name = "NAME", requires = "ask")]
+    /// Set the language model of --ask
+    #[arg(long, value_name = "NAME", requires = "ask", help_heading = "Advanced", hide_short_help = true)]
     model: Option<String>,
-    /// Labels whose prior and posterior are at least this keep their prior; the grid search leaves those with such a prior unless feet slip on them
-    #[arg(long, default_value_t = 0.5, value_name = "FRICTION", value_parser = friction)]
+    /// Keep the prior where prior and posterior both exceed this friction
+    ///
+    /// The grid search skips labels with such a prior unless feet slip on them.
+    #[arg(long, default_value_t = 0.5, value_name = "FRICTION", value_parser = friction, help_heading = "Advanced", hide_short_help = true)]
     slip_threshold: f64,
-    /// The one friction that the result is compared with
-    #[arg(long, default_value_t = 0.8, value_name = "FRICTION", value_parser = friction)]
+    /// Set the uniform friction used as the baseline
+    #[arg(long, default_value_t = 0.8, value_name = "FRICTION", value_parser = friction, help_heading = "Advanced", hide_short_help = true)]
     uniform: f64,
-    /// Length of the segments that are replayed open loop for the error of the base, in seconds
-    #[arg(long, default_value_t = 2.0, value_name = "SECONDS", value_parser = segment)]
+    /// Set the length of open-loop segments for the base error
+    #[arg(long, default_value_t = 2.0, value_name = "SECONDS", value_parser = segment, help_heading = "Advanced", hide_short_help = true)]
     segment: f64,
-    /// Directory for the results; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -22,63 +22,80 @@ use qv_recording::{RecordingError, Run};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = "Example:\n  qv diagnose walk.mcap --out out/walk\n  qv diagnose monday.mcap tuesday.mcap --terrain yard.glb \
-    --library mine.toml --out out/both\n  qv diagnose walk.mcap --scene yard.ply --camera camera.toml --out out/seen\n\n\
-    Writes report.json, report.html, calibrated.toml (for --params), and the same corrections for MuJoCo, URDF and Isaac \
-    Lab;\nwith --scene also calibrated_camera.toml (for --camera). Images of a table are those that images.csv names (time, file).\nSeveral recordings are taken to be of one robot with one cause.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv diagnose walk.mcap --out out/why\n\
+     \x20 qv diagnose monday.mcap tuesday.mcap --terrain yard.glb --library mine.toml --out out/both\n\
+     \x20 qv diagnose walk.mcap --scene yard.ply --camera camera.toml --out out/seen\n\
+     \n\
+     Results: report.html, report.json, calibrated.toml (for --params), and the same corrections for MuJoCo, URDF and Isaac Lab;\n\
+     with --scene also calibrated_camera.toml (for --camera). Images of a table are listed in images.csv (time, file).\n\
+     Reading the report: docs/guide/reading_the_report.md. Verdict `unexplained`: docs/guide/troubleshooting.md.",
+    "3 done, but part of the input was lost (reported)"
+);
 
 #[derive(clap::Args)]
 pub struct Diagnose {
-    /// Bags (.mcap files, or directories of split bags), or tables (run.csv, or their directories)
+    /// Recordings of one robot with one fault: bags or tables
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
     #[command(flatten)]
     reading: Reading,
-    /// plane, or a mesh with a material per label, z up, in the frame of the poses
-    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    /// Set the terrain: plane, or a labelled mesh (z up, frame of the poses)
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", help_heading = "Input")]
     terrain: String,
-    /// Parameters that are known already
-    #[arg(long, value_name = "FILE.toml")]
+    /// Start from known simulator parameters (calibrated.toml)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Input")]
     params: Option<PathBuf>,
-    /// Recordings of the same robot before something changed: what the simulator lacked then is not accused
-    #[arg(long, value_name = "RUN", num_args = 1..)]
+    /// Read recordings from before the change; their faults are not reported
+    #[arg(long, value_name = "RUN", num_args = 1.., help_heading = "What to test")]
     reference: Vec<PathBuf>,
-    /// Effects of your own, beside those that come with the program
-    #[arg(long, value_name = "FILE.toml")]
+    /// Add effects from a file
+    #[arg(long, value_name = "FILE.toml", help_heading = "What to test")]
     library: Option<PathBuf>,
-    /// Effects that may not be accused
-    #[arg(long, value_name = "EFFECT")]
+    /// Exclude an effect [repeatable; names: qv effects]
+    #[arg(long, value_name = "EFFECT", help_heading = "What to test")]
     without: Vec<String>,
-    /// Diagnose again without each of the N most probable effects, into DIR/without/EFFECT
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// Repeat without each of the N most likely effects (ablation)
+    ///
+    /// Results go to DIR/without/EFFECT.
+    #[arg(long, default_value_t = 0, value_name = "N", help_heading = "What to test")]
     leave_out: usize,
-    /// How far off the ground may be under a foot, in metres (standard deviation); default 0.003 for a mesh, 0 for a plane
-    #[arg(long, value_name = "METRES")]
+    /// Set the terrain height error (1 sigma) [default: mesh 0.003, plane 0]
+    #[arg(long, value_name = "METRES", help_heading = "Input", hide_short_help = true)]
     ground_error: Option<f64>,
-    /// A splat of the place in the frame of the poses: what the camera saw is judged, too
-    #[arg(long, value_name = "SCENE.ply", requires = "camera")]
+    /// Test the camera against this Gaussian scene (frame of the poses)
+    #[arg(long, value_name = "SCENE.ply", requires = "camera", help_heading = "Scene", hide_short_help = true)]
     scene: Option<PathBuf>,
-    /// The robot's camera: width, height, fx, fy, cx, cy, distortion, and base_from_camera with position and quaternion (w, x, y, z)
-    #[arg(long, value_name = "FILE.toml", requires = "scene")]
+    /// Read camera intrinsics and extrinsics (base_from_camera)
+    ///
+    /// Keys: width, height, fx, fy, cx, cy, distortion, and base_from_camera with position [m] and quaternion (w, x, y, z).
+    #[arg(long, value_name = "FILE.toml", requires = "scene", help_heading = "Scene", hide_short_help = true)]
     camera: Option<PathBuf>,
-    /// Topic of the images; default: the one with most
-    #[arg(long, value_name = "TOPIC", requires = "scene")]
+    /// Read images from this topic [default: the one with most images]
+    #[arg(long, value_name = "TOPIC", requires = "scene", help_heading = "Scene", hide_short_help = true)]
     image_topic: Option<String>,
-    /// Most images that are compared
-    #[arg(long, default_value_t = 40, value_name = "N", requires = "scene")]
+    /// Compare at most N images
+    #[arg(
+        long,
+        default_value_t = 40,
+        value_name = "N",
+        requires = "scene",
+        help_heading = "Scene",
+        hide_short_help = true
+    )]
     images: usize,
     #[cfg(feature = "learn")]
     #[command(flatten)]
     tried: PolicyArguments,
-    /// Seed of the simulated recordings without an effect
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Set the random seed
+    #[arg(long, default_value_t = 1, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     seed: u64,
-    /// Directory for the results; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 
@@ -86,11 +103,17 @@ pub struct Diagnose {
 #[cfg(feature = "learn")]
 #[derive(clap::Args)]
 struct PolicyArguments {
-    /// A policy in ONNX that is to walk: falls and tracking in the nominal and in the corrected simulator
-    #[arg(long, value_name = "POLICY.onnx", requires = "policy_description")]
+    /// Test an ONNX policy in the nominal and the corrected simulator
+    #[arg(
+        long,
+        value_name = "POLICY.onnx",
+        requires = "policy_description",
+        help_heading = "What to test",
+        hide_short_help = true
+    )]
     policy: Option<PathBuf>,
-    /// What the policy sees and what its actions mean (docs/walking.md)
-    #[arg(long, value_name = "FILE.toml", requires = "policy")]
+    /// Read the policy description (see: qv walk describe)
+    #[arg(long, value_name = "FILE.toml", requires = "policy", help_heading = "What to test", hide_short_help = true)]
     policy_description: Option<PathBuf>,
 }
 
@@ -186,9 +209,7 @@ impl Diagnose {
         remarks.iter().for_each(|what| remark(what));
         lost.iter().for_each(|what| print_message!("{what}"));
         if !report.corrections_apply {
-            print_message!(
-                "what was found makes windows that no fit has seen worse: it is a finding, and no file applies it"
-            );
+            print_message!("correcting the effect raises the error of held-out windows: no file applies it");
         }
         Ok(if lost.is_empty() && report.corrections_apply { Outcome::Done } else { Outcome::Partial })
     }
@@ -316,7 +337,7 @@ fn summary(report: &Report) -> String {
     let gap = &report.gap;
     let mut text = format!("{}\n\n", report.sentence);
     text += &format!(
-        "gap {:.2} before, {:.2} after, {:.2} floor; closed {:.0} % ({:.0} to {:.0}){}\n",
+        "normalized error {:.2} -> {:.2}, noise floor {:.2}; removed {:.0} % ({:.0} to {:.0}){}\n",
         gap.before,
         gap.after,
         gap.floor,
@@ -344,7 +365,7 @@ fn summary(report: &Report) -> String {
     }
     for lead in &report.leads {
         text += &format!(
-            "not accused, but near: {} would close {:.0} %{}\n",
+            "nearest candidate, not identified: {} would remove {:.0} %{}\n",
             lead.effects.join(" or "),
             100.0 * lead.closed,
             joint_rms(lead.joint_rms)
@@ -357,7 +378,7 @@ fn summary(report: &Report) -> String {
             .iter()
             .map(|p| format!("{} {:.4} ({:.4} to {:.4}) {}", p.name, p.value, p.ci95[0], p.ci95[1], p.unit));
         text += &format!(
-            "fitted at once: {} of {}: {}\n",
+            "fitted together: {} of {}: {}\n",
             names.join(" or "),
             effect.scope.join(", "),
             sizes.collect::<Vec<_>>().join(", ")

@@ -12,31 +12,36 @@ use qv_mesh::files::glb;
 use qv_recording::RecordingError;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLE: &str = "Example:\n  qv fixture --out out/fixture && qv replay out/fixture/run.mcap --terrain out/fixture/terrain.glb --out out/replay\n\n\
-    Writes run.mcap (stand, squat, trot), terrain.glb (two materials, a small ramp) and truth.json (what the robot is).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv fixture --out out/fixture\n\
+     \x20 qv replay out/fixture/run.mcap --terrain out/fixture/terrain.glb --out out/replay\n\
+     \n\
+     Results: run.mcap (stand, squat, trot), terrain.glb (two materials, a small ramp), truth.json (the hidden values)."
+);
 
 #[derive(clap::Args)]
 pub struct Fixture {
-    /// Directory for run.mcap, terrain.glb and truth.json; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// Seed of the noise and of the small unnamed differences
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Set the random seed
+    #[arg(long, default_value_t = 1, value_name = "N", help_heading = "Advanced")]
     seed: u64,
-    /// A labelled mesh to walk on instead, flat at height 0 where the robot starts; it is not written again
-    #[arg(long, value_name = "FILE.glb")]
+    /// Walk on this labelled mesh [flat at height 0 at the start]
+    #[arg(long = "terrain", value_name = "FILE.glb", alias = "ground", help_heading = "Input")]
     ground: Option<PathBuf>,
-    /// Friction of a label that differs from what the mesh says: label=value
-    #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value)]
+    /// Override the friction of a label [repeatable]
+    #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value, help_heading = "Input")]
     friction: Vec<(String, f64)>,
-    /// Where the robot starts: x, y in metres, and the direction that it faces, in radians
-    #[arg(long, value_name = "X,Y,YAW", default_value = "0,0,0", allow_hyphen_values = true, value_parser = place)]
+    /// Set the start pose: x [m], y [m], yaw [rad]
+    #[arg(long, value_name = "X,Y,YAW", default_value = "0,0,0", allow_hyphen_values = true, value_parser = place, help_heading = "Input")]
     start: [f64; 3],
-    /// The named effect: latency of all commands, in seconds
-    #[arg(long, default_value_t = 0.008, value_name = "SECONDS", value_parser = latency)]
+    /// Set the hidden command latency
+    #[arg(long, default_value_t = 0.008, value_name = "SECONDS", value_parser = latency, help_heading = "What to test")]
     latency: f64,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

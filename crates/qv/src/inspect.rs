@@ -8,21 +8,26 @@ use qv_recording::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Sour
 use qv_recording::{RecordingError, derive, median_interval};
 use serde_json::{Value, json};
 
-pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-tell\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv inspect walk.mcap\n\
+     \x20 qv inspect recordings/walk_split --pose-topic /lio/odom --json\n\
+     \x20 qv inspect walk.mcap --detectable",
+    "3 done, but part of the input was lost (reported)"
+);
 
 #[derive(clap::Args)]
 pub struct Inspect {
     #[command(flatten)]
     run: RunArguments,
-    /// One line of JSON instead of the screen
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
-    /// Least size of each effect that `qv diagnose` would find in it with 90 % power (takes some seconds)
-    #[arg(long)]
+    /// Print the smallest detectable size of each effect (90 % power)
+    #[arg(long = "detectable", alias = "can-tell", help_heading = "What to test")]
     can_tell: bool,
-    /// Ground for --can-show: plane, or a .glb file
-    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", requires = "can_tell")]
+    /// Set the terrain for --detectable: plane, or a labelled mesh
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", requires = "can_tell", help_heading = "Input")]
     terrain: String,
 }
 

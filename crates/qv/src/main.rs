@@ -15,6 +15,8 @@ mod diagnose;
 mod facts;
 mod fixture;
 mod fleet;
+#[cfg(test)]
+mod help;
 mod inspect;
 mod lock;
 mod memory;
@@ -45,6 +47,7 @@ mod stop;
 mod terminal;
 #[cfg(feature = "learn")]
 mod tune;
+mod usage;
 mod video;
 mod view;
 #[cfg(feature = "learn")]
@@ -61,93 +64,105 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::{print_message, say};
 
-/// Makes a legged robot's simulator agree with the robot.
+const ROOT_EXAMPLE: &str = usage::help_text!(
+    "Examples:\n  qv demo\n  qv inspect walk.mcap\n  qv diagnose walk.mcap --out out/why",
+    "3 done, but part of the input was lost (reported)"
+);
+
+/// Find out why a robot and its simulator disagree, and correct the simulator
 #[derive(Parser)]
-#[command(name = "qv", version, arg_required_else_help = true)]
+#[command(name = "qv", version, arg_required_else_help = true, disable_help_flag = true, disable_version_flag = true)]
+#[command(after_long_help = ROOT_EXAMPLE)]
 struct Cli {
-    /// Reports nothing but results, errors and what was lost
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    /// Print only results, errors and data-loss warnings
+    #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = "Common")]
     quiet: bool,
-    /// Reports how long each stage took
-    #[arg(short, long, global = true)]
+    /// Print the time of each stage
+    #[arg(short, long, global = true, help_heading = "Common")]
     verbose: bool,
-    /// Takes no options from qv.toml
-    #[arg(long, global = true)]
+    /// Ignore qv.toml
+    #[arg(long, global = true, help_heading = "Common")]
     no_config: bool,
+    /// Print help: the basics with -h, everything with --help
+    #[arg(short, long, global = true, action = clap::ArgAction::Help, help_heading = "Common")]
+    help: Option<bool>,
+    /// Print the version
+    #[arg(short = 'V', long, action = clap::ArgAction::Version, help_heading = "Common")]
+    version: Option<bool>,
     #[command(subcommand)]
     command: Command,
 }
 
 #[derive(Subcommand)]
 enum Command {
-    /// Records a made-up robot that hides an effect, diagnoses it, and shows what was hidden beside what was found
-    #[command(after_help = demo::EXAMPLE)]
+    /// Record a simulated robot with a hidden effect and diagnose it
+    #[command(after_long_help = demo::EXAMPLE)]
     Demo(demo::Demo),
-    /// What is in a recording: streams, rates, what was measured and what derived, gaps and faults
-    #[command(after_help = inspect::EXAMPLE)]
+    /// Print the contents of a recording: topics, rates, gaps and faults
+    #[command(after_long_help = inspect::EXAMPLE)]
     Inspect(inspect::Inspect),
-    /// The robots whose messages are known, with their topics
-    #[command(after_help = robots::EXAMPLE)]
+    /// List supported robots with their topics
+    #[command(after_long_help = robots::EXAMPLE)]
     Robots(robots::Robots),
-    /// The effects that a diagnosis knows: what each is, its unit and range
-    #[command(after_help = names::EFFECTS_EXAMPLE)]
+    /// List the physical effects that a diagnosis tests
+    #[command(after_long_help = names::EFFECTS_EXAMPLE)]
     Effects(names::Effects),
-    /// The names of a robot's simulation parameters, with unit, neutral value and range
-    #[command(after_help = names::PARAMS_EXAMPLE)]
+    /// List the simulator parameters of a robot
+    #[command(after_long_help = names::PARAMS_EXAMPLE)]
     Params(names::Params),
-    /// Says what any file is, what of it is used, and what is missing for which command
-    #[command(after_help = check::EXAMPLE)]
+    /// Identify files and report what each command lacks
+    #[command(after_long_help = check::EXAMPLE)]
     Check(check::Check),
-    /// Replays a recording in the simulator and shows how far the two are apart, joint by joint
-    #[command(after_help = replay::EXAMPLE)]
+    /// Replay a recording in the simulator and print errors by joint
+    #[command(after_long_help = replay::EXAMPLE)]
     Replay(replay::Replay),
-    /// Says where the gap between simulator and robot lies, which effect causes it, and how far it shrinks
-    #[command(after_help = diagnose::EXAMPLE)]
+    /// Identify which physical effect explains the sim-to-real gap
+    #[command(after_long_help = diagnose::EXAMPLE)]
     Diagnose(diagnose::Diagnose),
-    /// Which motion to record next, so that the causes that a diagnosis leaves open are distinguished
-    #[command(after_help = next::EXAMPLE)]
+    /// Propose the next motion to record, to separate open causes
+    #[command(after_long_help = next::EXAMPLE)]
     Next(next::Next),
-    /// Finds the friction of each material of a labelled ground from recordings of a robot that walked on it
-    #[command(after_help = contact::EXAMPLE)]
+    /// Identify friction by terrain label from recordings
+    #[command(after_long_help = contact::EXAMPLE)]
     Contact(contact::Contact),
-    /// Makes a scene of Gaussians from photographs with cameras
-    #[command(after_help = reconstruct::EXAMPLE)]
+    /// Reconstruct a Gaussian scene from images or video
+    #[command(after_long_help = reconstruct::EXAMPLE)]
     Reconstruct(reconstruct::Reconstruct),
-    /// Draws what cameras see of a scene of Gaussians
-    #[command(after_help = render::EXAMPLE)]
+    /// Render cameras of a Gaussian scene
+    #[command(after_long_help = render::EXAMPLE)]
     Render(render::Render),
-    /// Turns a scene of Gaussians, or depth images, into a watertight, labelled collision mesh
-    #[command(after_help = mesh::EXAMPLE)]
+    /// Extract a labelled, watertight collision mesh
+    #[command(after_long_help = mesh::EXAMPLE)]
     Mesh(Box<mesh::Mesh>),
-    /// Teaches a robot to walk after velocity commands, scores what it learnt, and shows it
+    /// Train, score and play locomotion policies
     #[cfg(feature = "learn")]
-    #[command(after_help = walk::EXAMPLE)]
+    #[command(after_long_help = walk::EXAMPLE)]
     Walk(walk::Walk),
-    /// Teaches a network to reach a cone in a reconstructed place from what a camera sees, and tests it
+    /// Train and test visual navigation in a reconstructed scene
     #[cfg(feature = "learn")]
-    #[command(after_help = navigate::EXAMPLE)]
+    #[command(after_long_help = navigate::EXAMPLE)]
     Navigate(Box<navigate::Navigate>),
-    /// Trains a policy on under what recordings show of the robot's motors, and says by how much it strays less
+    /// Fine-tune a locomotion policy on recordings
     #[cfg(feature = "learn")]
-    #[command(after_help = tune::EXAMPLE)]
+    #[command(after_long_help = tune::EXAMPLE)]
     Tune(Box<tune::Tune>),
-    /// Diagnoses (or calibrates, or tunes on) many recordings, each in a process of its own, and says what they share
-    #[command(after_help = fleet::EXAMPLE)]
+    /// Process many recordings: diagnose, contact or tune
+    #[command(after_long_help = fleet::EXAMPLE)]
     Fleet(fleet::Fleet),
-    /// Puts what reconstruction, contact, replay and diagnosis found on one page
-    #[command(after_help = report::EXAMPLE)]
+    /// Assemble results into one HTML page
+    #[command(after_long_help = report::EXAMPLE)]
     Report(report::Report),
-    /// Makes one HTML file in which one looks around: place, ground, robot as recorded and simulated, slips, causes
-    #[command(after_help = view::EXAMPLE)]
+    /// Write an interactive 3D page of scene, terrain, robot and slips
+    #[command(after_long_help = view::EXAMPLE)]
     View(view::View),
-    /// Prints what a shell needs to complete commands and options
-    #[command(after_help = shell::COMPLETIONS_EXAMPLE)]
+    /// Print shell completions
+    #[command(after_long_help = shell::COMPLETIONS_EXAMPLE)]
     Completions(shell::Completions),
-    /// Writes manual pages, one for each command
-    #[command(after_help = shell::MAN_EXAMPLE)]
+    /// Write manual pages
+    #[command(after_long_help = shell::MAN_EXAMPLE)]
     Man(shell::Manuals),
-    /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
-    #[command(hide = true, after_help = fixture::EXAMPLE)]
+    /// Record a simulated Go2 with a known effect on a known terrain
+    #[command(hide = true, after_long_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
 }
 
@@ -339,7 +354,8 @@ mod tests {
     #[test]
     fn commands_of_the_docs_are_understood() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let docs = fs::read_dir(root.join("docs")).unwrap().map(|entry| entry.unwrap().path());
+        let folders = ["docs/guide", "docs/reference", "docs/theory", "docs/dev"].map(|folder| root.join(folder));
+        let docs = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap()).map(|entry| entry.unwrap().path());
         let pages = docs.filter(|path| path.extension().is_some_and(|end| end == "md")).chain([root.join("README.md")]);
         let mut count = 0;
         for page in pages {

@@ -11,27 +11,35 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub const EFFECTS_EXAMPLE: &str = "Example:\n  qv effects\n  qv effects --library mine.toml --json\n\n\
-    The names are those of `qv diagnose --without` and of report.json. A range is what is searched; for masses it ends\n\
-    where a link would weigh nothing. Held: a robot whose base is fixed, in the air; N m, N m s/rad, kg m² and kg are those\n\
-    of a Go2 and follow the robot's own motors and mass.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+pub const EFFECTS_EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv effects\n\
+     \x20 qv effects --library mine.toml --json\n\
+     \n\
+     Names are those of `qv diagnose --without` and of report.json. Ranges are search ranges; for masses they end where a\n\
+     link would have no mass. Fixed-base ranges (column `held`) in N m, N m s/rad, kg m² and kg are those of a Go2; they\n\
+     scale with the motors and mass of the robot."
+);
 
-pub const PARAMS_EXAMPLE: &str = "Example:\n  qv params go2\n  qv params arm.urdf --held --json\n\n\
-    The names are those of `--params` files, in which `*` may stand for a joint: \"actuator.*.lag\" = 0.01 under\n\
-    [parameters]. A value that is neutral leaves the model as it is. A range is what is worth searching; others are taken, too.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+pub const PARAMS_EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv params go2\n\
+     \x20 qv params arm.urdf --fixed-base --json\n\
+     \n\
+     Names are those of --params files, where `*` matches any joint: \"actuator.*.lag\" = 0.01 under [parameters].\n\
+     A neutral value leaves the model unchanged. Values outside the range are accepted."
+);
 
 /// What ends a range when nothing does \[any unit\].
 const NO_LIMIT: f64 = 1e9;
 
 #[derive(clap::Args)]
 pub struct Effects {
-    /// Effects of your own, beside those that come with the program
-    #[arg(long, value_name = "FILE.toml")]
+    /// Add effects from a file
+    #[arg(long, value_name = "FILE.toml", help_heading = "Input")]
     library: Option<PathBuf>,
-    /// One line of JSON instead of the table
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 
@@ -92,16 +100,17 @@ fn effects_table(all: &[Effect]) -> String {
 
 #[derive(clap::Args)]
 pub struct Params {
-    /// A robot of `qv robots` whose model is built in, a robot file (.toml), or a URDF or MJCF file
+    /// Robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
+    #[arg(value_name = "ROBOT")]
     robot: String,
-    /// The base is fixed, as for an arm
-    #[arg(long)]
+    /// Fix the base, as for an arm
+    #[arg(long = "fixed-base", alias = "held", help_heading = "Input")]
     held: bool,
-    /// plane, or a mesh with a material per label, each of which has a friction
-    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    /// Set the terrain: plane, or a mesh with one material per label
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", help_heading = "Input")]
     terrain: String,
-    /// One line of JSON instead of the table
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

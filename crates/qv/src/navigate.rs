@@ -26,14 +26,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use weights_file::{fingerprint, weights_at};
 
-pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply --mesh out/mesh.glb --out out/nav\n  \
-    qv navigate test out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --out out/nav/results.json\n  \
-    qv navigate page out/nav/results.json --out out/nav/index.html\n  \
-    qv navigate look out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --capture yard --out out/nav/look.html\n\n\
-    The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the mesh's frame. Legs are a\n\
-    follower of velocities without physics; with --walk they are a robot that walks in the simulator. Built with --features gpu, train --gpu draws and learns on the graphics card.\n\
-    docs/navigation.md describes the rest.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv navigate train --scene out/policy.ply --terrain out/mesh.glb --out out/nav\n\
+     \x20 qv navigate test out/nav/weights.bin --scene out/policy.ply --terrain out/mesh.glb --out out/nav/results.json\n\
+     \x20 qv navigate look out/nav/weights.bin --scene out/policy.ply --terrain out/mesh.glb --capture yard --out out/nav/look.html\n\
+     \x20 qv navigate page out/nav/results.json --out out/nav/index.html\n\
+     \n\
+     The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the frame of the mesh.\n\
+     Guide: docs/guide/navigation.md."
+);
 
 #[derive(clap::Args)]
 pub struct Navigate {
@@ -43,47 +45,58 @@ pub struct Navigate {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Trains a policy: writes policy.onnx, weights.bin and metrics.json
+    /// Train a navigation policy (DAgger, then PPO)
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv navigate train --scene out/policy.ply --terrain out/mesh.glb --out out/nav\n\
+     \x20 qv navigate train --scene out/policy.ply --terrain out/mesh.glb --from out/nav/weights.bin --rounds 0 --ppo-rounds 20 --out out/ppo\n\
+     \n\
+     Results: policy.onnx, weights.bin, metrics.json."))]
     Train(train::Train),
-    /// Tests weights on drawn episodes, beside the teacher and a follower of coloured blobs: writes results as JSON
+    /// Measure the success rate on random episodes, beside baselines
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv navigate test out/nav/weights.bin --scene out/policy.ply --terrain out/mesh.glb --out out/nav/results.json"))]
     Test(Test),
-    /// Says whether photographs of the place, with a cone laid into them, show the policy the same as the drawn scene does: writes a page
+    /// Compare policy outputs on real and rendered images
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv navigate look out/nav/weights.bin --scene out/policy.ply --terrain out/mesh.glb --capture yard --out out/nav/look.html"))]
     Look(look::Look),
-    /// Makes one HTML file of the results of a test: shares, causes of failure, ways from above, what the policy saw
+    /// Write a page of test results: success, failures, paths
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv navigate page out/nav/results.json --out out/nav/index.html"))]
     Page(ToPage),
 }
 
 #[derive(clap::Args)]
 struct ToPage {
-    /// results.json of `qv navigate test`
+    /// Results of `qv navigate test` (results.json)
     results: PathBuf,
-    /// Other results of the same policy, such as on other legs: a row each
-    #[arg(long, value_name = "RESULTS.json", num_args = 1..)]
+    /// Add results of the same policy with other low-level controllers
+    #[arg(long, value_name = "RESULTS.json", num_args = 1.., help_heading = "Input")]
     beside: Vec<PathBuf>,
-    /// File for the page
-    #[arg(long, value_name = "FILE.html")]
+    /// Write the page to this file
+    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 
 #[derive(clap::Args)]
 struct Test {
-    /// weights.bin of `qv navigate train`
+    /// Weights of `qv navigate train` (weights.bin)
     weights: PathBuf,
     #[command(flatten)]
     task: Task,
     #[command(flatten)]
     legs: LegsArguments,
-    /// Episodes
-    #[arg(long, default_value_t = 200, value_parser = episodes)]
+    /// Run N episodes
+    #[arg(long, default_value_t = 200, value_parser = episodes, value_name = "N", help_heading = "What to test")]
     episodes: usize,
-    /// File for the results
-    #[arg(long, value_name = "FILE.json")]
+    /// Write the results to this file
+    #[arg(long, value_name = "FILE.json", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
     #[command(flatten)]
     card: CardArguments,

@@ -21,10 +21,15 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::{fs, slice};
 
-pub const EXAMPLE: &str = "Example:\n  qv diagnose arm.mcap --out out/why\n  qv next arm.mcap --diagnosis out/why --out out/next\n\n\
-    Writes next.json (all motions, and how likely each decides), commands.csv and commands.mcap (the best one). Every motion stays within the\n\
-    postures and speeds that the recording has shown, and within the model's limits; look at it before a robot plays it.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv diagnose arm.mcap --out out/why\n\
+     \x20 qv next arm.mcap --diagnosis out/why --out out/next\n\
+     \n\
+     Results: next.json (all motions with the probability that each decides), commands.csv and commands.mcap (the best one).\n\
+     Motions stay within the postures and speeds of the recording and the limits of the model. Review them before playback.",
+    "3 done, but part of the input was lost (reported)"
+);
 
 /// Messages of a bag begin at this instant \[ns since the epoch\], so that the same motion is the same file.
 const EPOCH: u64 = 1_000_000_000;
@@ -33,23 +38,23 @@ const EPOCH: u64 = 1_000_000_000;
 pub struct Next {
     #[command(flatten)]
     run: RunArguments,
-    /// plane, or a mesh with a material per label, z up, in the frame of the poses
-    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    /// Set the terrain: plane, or a labelled mesh (z up, frame of the poses)
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", help_heading = "Input")]
     terrain: String,
-    /// Parameters that are known already
-    #[arg(long, value_name = "FILE.toml")]
+    /// Read known simulator parameters (calibrated.toml)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Input")]
     params: Option<PathBuf>,
-    /// What `qv diagnose --out` wrote of this recording; without it the recording is diagnosed first
-    #[arg(long, value_name = "DIR")]
+    /// Read the results of `qv diagnose` [default: diagnose first]
+    #[arg(long, value_name = "DIR", help_heading = "Input")]
     diagnosis: Option<PathBuf>,
-    /// How many of the leading hypotheses are to be distinguished
-    #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=8))]
+    /// Separate the N leading hypotheses
+    #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=8), help_heading = "What to test")]
     hypotheses: u8,
-    /// Directory for the results; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON instead of the table
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 
@@ -134,7 +139,7 @@ fn to_json(proposals: &[Proposal], all: &[Hypothesis]) -> serde_json::Value {
 }
 
 fn table(proposals: &[Proposal], all: &[Hypothesis]) -> String {
-    let mut text = String::from("To be told apart:\n");
+    let mut text = String::from("To be separated:\n");
     for hypothesis in all {
         let values: Vec<String> = hypothesis.values.iter().map(|v| format!("{v:.4}")).collect();
         let _ = writeln!(

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 /// What recording to read, the same for every command.
 #[derive(Args)]
 pub struct RunArguments {
-    /// A bag (.mcap or .db3 file, or the directory of a split bag), a table (run.csv, or its directory), a LeRobot dataset, or a SAGE folder
+    /// Recording: bag, table, LeRobot dataset or SAGE folder
+    ///
+    /// A bag is an .mcap or .db3 file, or the directory of a split bag. A table is run.csv with run.toml beside it, or its directory.
     pub run: PathBuf,
     #[command(flatten)]
     pub reading: Reading,
@@ -15,14 +17,16 @@ pub struct RunArguments {
 /// How a recording is read, the same for every command.
 #[derive(Args, Clone, Default)]
 pub struct Reading {
-    /// Topic of the base pose; default that of the robot (`qv robots`), else whichever topic carries poses
-    #[arg(long, value_name = "TOPIC")]
-    pub pose_topic: Option<String>,
-    /// A robot of `qv robots`, a robot file (.toml), or a URDF or MJCF file; default: what the recording says
-    #[arg(long, value_name = "NAME|FILE")]
+    /// Set the robot: go2, go1, a2, ... or a URDF, MJCF or TOML file
+    ///
+    /// Names are those of `qv robots`. Without it the robot is that of the recording.
+    #[arg(long, value_name = "ROBOT", help_heading = "Input")]
     pub robot: Option<String>,
-    /// First part of the topics of the robot that is read, where a recording has several
-    #[arg(long, value_name = "/NAME")]
+    /// Read base poses from this topic [default: that of the robot]
+    #[arg(long, value_name = "TOPIC", help_heading = "Input", hide_short_help = true)]
+    pub pose_topic: Option<String>,
+    /// Read the robot under this namespace, if the bag has several
+    #[arg(long, value_name = "/NAME", help_heading = "Input", hide_short_help = true)]
     pub namespace: Option<String>,
 }
 

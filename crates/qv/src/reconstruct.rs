@@ -35,17 +35,22 @@ use std::time::Instant;
 use watch::{Run, TRAINING, show_mask};
 use words::{in_words, named_mean};
 
-pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
-    qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --json\n\n\
-    CAPTURE is nerfstudio's transforms.json or the folder that holds it, a COLMAP project (model and images), or a folder of\n\
-    RGB-D frames (7-Scenes: FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt; TUM, Redwood, ScanNet). points.ply beside it is where Gaussians begin.\n\
-    Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
-    DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
-    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, where poses are COLMAP's or refined cameras.json (for `qv mesh --cameras`),\n\
-    with --preview pictures beside photographs. Terms of geometry and labels count from step 1000 on. Built with --features gpu, --gpu\n\
-    works on the graphics card. Ctrl-C stops: a finished scene in DIR stays, else the best scene so far is written; --resume goes\n\
-    on from where training stood.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named), 130 stopped.";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv reconstruct captures/yard --out out/yard\n\
+     \x20 qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --json\n\
+     \x20 qv reconstruct walk.mp4 --out out/yard\n\
+     \n\
+     CAPTURE is a nerfstudio transforms.json or its folder, a COLMAP project (model and images), or a folder of RGB-D frames\n\
+     (7-Scenes, TUM, Redwood, ScanNet). Gaussians start at points.ply beside it, if present.\n\
+     For a video (.mp4, .mov, ...) ffmpeg extracts frames, and COLMAP, installed once into a Python environment, estimates\n\
+     poses; DIR/capture keeps both. Such a scene has no metric scale: `qv mesh` takes --distance, --markers or --trajectory.\n\
+     \n\
+     Results: scene.ply (3DGS), checkpoint.qvt, metrics.json; cameras.json if poses are COLMAP's or refined (for `qv mesh --cameras`).\n\
+     Geometry and label losses start at step 1000. Ctrl-C keeps a finished scene in DIR, else writes the best scene so far;\n\
+     --resume continues.",
+    "3 done, but part of the input was lost (reported)"
+);
 
 /// Where training stood when the scene was written.
 const CHECKPOINT: &str = "checkpoint.qvt";
@@ -221,7 +226,7 @@ impl Reconstruct {
         match self.depth_prior.is_some_and(|weight| weight > 0.0) && !depth {
             true => Err(about(
                 &self.capture,
-                "--depth-prior: expected depth images, or photographs without --no-stereo, found none",
+                "--depth-prior: expected depth images, or images without --no-stereo, found none",
             )),
             false => Ok(()),
         }
@@ -439,17 +444,17 @@ impl Reconstruct {
             ("labels", self.labels, without(|one| !one.labels.is_empty())),
         ] {
             if weight > 0.0 && missing > 0 {
-                lost.push(format!("{missing} of {} photographs have no {name}", dataset.training.len()));
+                lost.push(format!("{missing} of {} images have no {name}", dataset.training.len()));
             }
         }
         let alone = dataset.alone();
         if !alone.is_empty() {
             let names = alone.iter().take(5).copied().collect::<Vec<_>>().join(", ");
             let more = if alone.len() > 5 { ", ..." } else { "" };
-            lost.push(format!("{} photographs show nothing that another shows: {names}{more}", alone.len()));
+            lost.push(format!("{} images show nothing that another shows: {names}{more}", alone.len()));
         }
         if dataset.stands_still() && options.weights.depth_prior == 0.0 {
-            lost.push("all photographs were taken from one place: nothing tells depth".into());
+            lost.push("all images were taken from one position: depth cannot be measured".into());
         }
         lost
     }
@@ -468,7 +473,7 @@ impl Reconstruct {
         let mut text = format!("{} Gaussians{loss}, {seconds:.1} s of training\n", metrics["gaussians"]);
         if let Some(steps) = metrics["aside"]["steps"].as_u64().filter(|steps| *steps < u64::from(self.iterations)) {
             let asked = self.iterations;
-            text += &format!("{steps} steps of {asked}: more did not help photographs that were put aside\n");
+            text += &format!("{steps} steps of {asked}: more did not help images that were put aside\n");
         }
         if metrics["scene_of_iteration"] != metrics["iterations"] {
             let [scene, stood] = ["scene_of_iteration", "iterations"].map(|key| &metrics[key]);

@@ -18,16 +18,20 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = "Example:\n  qv render scene.ply --cameras transforms.json --out out/views\n  \
-    qv render scene.spz --cameras colmap/sparse/0 --out out/views --depth --normals --json\n\n\
-    SCENE is a 3DGS PLY, a compressed PLY, an SPZ, glTF with KHR_gaussian_splatting, or .splat. Cameras are nerfstudio's\n\
-    transforms.json, the directory of a COLMAP model, or a JSON of our own:\n  \
-    {\"format\": \"qv-cameras/1\", \"cameras\": [{\"name\": \"front\", \"width\": 640, \"height\": 480, \"fx\": 500,\n   \
-    \"position\": [0, -2, 1], \"rotation\": [1, 0, 0, 0]}]}\n\n\
-    Writes NAME.png for each camera, with --depth NAME_depth.npy (metres along the camera's z, 0 where nothing is), with\n\
-    --normals NAME_normal.png (x right, y down, z forward; -1 to 1 as 0 to 255), with --semantics NAME_labels.png (0 nothing,\n\
-    1 + the strongest feature). Lenses with OpenCV's distortion (k1, k2, k3, p1, p2) are drawn as they see.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv render scene.ply --cameras transforms.json --out out/views\n\
+     \x20 qv render scene.spz --cameras colmap/sparse/0 --out out/views --depth --normals --json\n\
+     \n\
+     Cameras as JSON:\n\
+     \x20 {\"format\": \"qv-cameras/1\", \"cameras\": [{\"name\": \"front\", \"width\": 640, \"height\": 480, \"fx\": 500,\n\
+     \x20  \"position\": [0, -2, 1], \"rotation\": [1, 0, 0, 0]}]}\n\
+     \n\
+     Results: NAME.png; --depth NAME_depth.npy (metres along the camera's z, 0 = no surface); --normals NAME_normal.png (x right,\n\
+     y down, z forward; -1 to 1 as 0 to 255); --semantics NAME_labels.png (0 = none, 1 + the strongest feature).\n\
+     OpenCV distortion (k1, k2, k3, p1, p2) is applied.",
+    "3 done, but part of the input was lost (reported)"
+);
 
 /// Images that are drawn before they are written: so many, or so many pixels, whichever is less, but one at least.
 const AT_ONCE: usize = 128;
@@ -37,32 +41,32 @@ const SOLID: f32 = 0.5;
 
 #[derive(clap::Args)]
 pub struct Render {
-    /// A scene of Gaussians: .ply, .compressed.ply, .spz, .glb, .gltf or .splat
+    /// Gaussian scene: .ply, .compressed.ply, .spz, .glb, .gltf or .splat
     scene: PathBuf,
-    /// nerfstudio's transforms.json, a COLMAP model's directory, or cameras in a JSON of our own
-    #[arg(long, value_name = "FILE")]
+    /// Read cameras: transforms.json, a COLMAP model, or qv-cameras JSON
+    #[arg(long, value_name = "FILE", help_heading = "Input")]
     cameras: PathBuf,
-    /// Directory for the images; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the images into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// Writes depths, too, 32-bit floats in metres
-    #[arg(long)]
+    /// Write depth maps (32-bit floats, metres)
+    #[arg(long, help_heading = "Output")]
     depth: bool,
-    /// Writes normals in the camera's axes, too
-    #[arg(long)]
+    /// Write normal maps (camera axes)
+    #[arg(long, help_heading = "Output")]
     normals: bool,
-    /// Writes the label of each pixel, too; the scene must have features
-    #[arg(long)]
+    /// Write label maps [the scene needs features]
+    #[arg(long, help_heading = "Output")]
     semantics: bool,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
-    /// Colour behind everything, 0 to 1; without it the one that the scene was made over, else black
-    #[arg(long, value_name = "R,G,B", value_parser = colour)]
+    /// Set the background colour (0 to 1) [default: that of the scene]
+    #[arg(long, value_name = "R,G,B", value_parser = colour, help_heading = "Scene")]
     background: Option<[f32; 3]>,
-    /// Draws on the graphics card
+    /// Render on the GPU
     #[cfg(feature = "gpu")]
-    #[arg(long)]
+    #[arg(long, help_heading = "Advanced")]
     gpu: bool,
 }
 

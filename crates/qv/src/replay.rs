@@ -22,30 +22,34 @@ use std::path::{Path, PathBuf};
 use std::slice;
 use std::time::Instant;
 
-pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv replay walk.mcap --robot go2 --terrain yard.glb \
-    --params out/diagnosis/calibrated.toml --out out/walk\n\n\
-    Writes replay.json, replay.mcap (for Foxglove and Rerun), replay.layout.json (for Foxglove) and replay.html. A parameter file holds numbers under parameter names, such as\n\
-    \"joint.*.coulomb_friction\" = 0.2.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv replay walk.mcap --out out/replay\n\
+     \x20 qv replay walk.mcap --robot go2 --terrain yard.glb --params out/why/calibrated.toml --out out/replay\n\
+     \n\
+     Results: replay.html, replay.json, replay.mcap (Foxglove, Rerun), replay.layout.json (Foxglove).\n\
+     A parameter file sets simulator parameters by name, such as \"joint.*.coulomb_friction\" = 0.2 (names: qv params go2).",
+    "3 done, but part of the input was lost (reported)"
+);
 
 #[derive(clap::Args)]
 pub struct Replay {
     #[command(flatten)]
     run: RunArguments,
-    /// plane, or a mesh with a material per label, z up, in the frame of the poses
-    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    /// Set the terrain: plane, or a labelled mesh (z up, frame of the poses)
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", help_heading = "Input")]
     terrain: String,
-    /// Parameters of the simulator, as `qv diagnose` writes them
-    #[arg(long, value_name = "FILE.toml")]
+    /// Read simulator parameters (calibrated.toml)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Input")]
     params: Option<PathBuf>,
-    /// Directory for the results; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// Length of the windows that restart at the measured state, in seconds
-    #[arg(long, default_value_t = 0.3, value_name = "SECONDS", value_parser = window_length, allow_negative_numbers = true)]
+    /// Set the length of windows that restart at the measured state
+    #[arg(long, default_value_t = 0.3, value_name = "SECONDS", value_parser = window_length, allow_negative_numbers = true, help_heading = "What to test")]
     window: f64,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

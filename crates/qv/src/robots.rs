@@ -5,14 +5,18 @@ use qv_recording::RecordingError;
 use qv_recording::robots::{ModelSource, RobotFile, built_in, names};
 use serde_json::json;
 
-pub const EXAMPLE: &str = "Example:\n  qv robots\n  qv replay walk.mcap --robot b2.toml --out out/walk\n\n\
-    A file such as b2.toml of your own: like = \"b2\", name = \"our_b2\", urdf = \"b2.xml\" (docs/formats.md).\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv robots\n\
+     \x20 qv replay walk.mcap --robot b2.toml --out out/walk\n\
+     \n\
+     A robot file such as b2.toml: like = \"b2\", name = \"our_b2\", urdf = \"b2.xml\" (docs/reference/formats.md)."
+);
 
 #[derive(clap::Args)]
 pub struct Robots {
-    /// One line of JSON instead of the screen
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -8,14 +8,21 @@ use clap_complete::Shell;
 use clap_mangen::Man;
 use std::path::{Path, PathBuf};
 
-pub const COMPLETIONS_EXAMPLE: &str = "Example:\n  qv completions bash > ~/.local/share/bash-completion/completions/qv\n  \
-    qv completions zsh > ~/.zfunc/_qv          # with fpath+=~/.zfunc before compinit in ~/.zshrc\n  \
-    qv completions fish > ~/.config/fish/completions/qv.fish\n  qv completions powershell >> $PROFILE";
-pub const MAN_EXAMPLE: &str = "Example:\n  qv man ~/.local/share/man/man1 && man qv-diagnose";
+pub const COMPLETIONS_EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv completions bash > ~/.local/share/bash-completion/completions/qv\n\
+     \x20 qv completions zsh > ~/.zfunc/_qv          # with fpath+=~/.zfunc before compinit in ~/.zshrc\n\
+     \x20 qv completions fish > ~/.config/fish/completions/qv.fish\n\
+     \x20 qv completions powershell >> $PROFILE"
+);
+pub const MAN_EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv man ~/.local/share/man/man1 && man qv-diagnose"
+);
 
 #[derive(clap::Args)]
 pub struct Completions {
-    /// bash, elvish, fish, powershell or zsh
+    /// Shell to complete for
     #[arg(value_enum)]
     shell: Shell,
 }
@@ -32,7 +39,7 @@ impl Completions {
 
 #[derive(clap::Args)]
 pub struct Manuals {
-    /// Directory for qv.1, qv-diagnose.1 and the others; made if need be
+    /// Directory for qv.1, qv-diagnose.1, ... [created if missing]
     #[arg(value_name = "DIR")]
     folder: PathBuf,
 }

@@ -93,13 +93,13 @@ fn print(result: &Round) {
     for images in &result.images {
         println!("{:>8.0} pictures of {} Gaussians", images.each_cpu_second, images.gaussians);
     }
-    println!("{:>8.0} decisions driven by the teacher", result.decisions_driven_by_the_teacher_without_pictures);
+    println!("{:>8.0} decisions driven by the expert", result.decisions_driven_by_the_teacher_without_pictures);
     println!("{:>8.0} decisions driven by the student, with pictures", result.decisions_driven_by_the_student);
-    println!("{:>8.0} decisions learnt", result.decisions_learnt);
+    println!("{:>8.0} decisions learned", result.decisions_learnt);
     if let Some(card) = &result.card {
         println!("for each second on {}:", card.adapter);
         println!(
-            "{:>8.0} pictures, {:.0} decisions learnt",
+            "{:>8.0} pictures, {:.0} decisions learned",
             card.images_each_second, card.decisions_learnt_each_second
         );
     }

@@ -123,7 +123,7 @@ fn with_options<'a>(program: &'a mut Command, what: &Reconstruct, seed: u32) -> 
 }
 
 fn print_table(rows: &[Row], what: &Reconstruct) {
-    println!("{} steps, {} seeds, means; every 8th photograph is held out", what.iterations, what.seeds);
+    println!("{} steps, {} seeds, means; every 8th image is held out", what.iterations, what.seeds);
     println!("| scene | by | Gaussians | PSNR, dB | SSIM | training, s |");
     println!("|---|---|---:|---:|---:|---:|");
     let mut known: Vec<(&str, &str)> = vec![];

@@ -133,7 +133,7 @@ fn train(workspace: &Workspace, tune: &Tune, ground: &str) -> Result<PathBuf> {
     // The policy to begin with keeps its mean velocity, so that what is measured afterwards is the robot.
     fs::write(&settings, "[task.reward]\nsteady = 1.5\n").with_context(|| format!("writing {}", settings.display()))?;
     let mut command = Command::new(qv);
-    command.args(["walk", "train", "--iterations", if tune.quick { "600" } else { "1800" }, "--ground", ground]);
+    command.args(["walk", "train", "--iterations", if tune.quick { "600" } else { "1800" }, "--terrain", ground]);
     command.arg("--settings").arg(settings);
     if let Some(robot) = &tune.robot {
         command.arg("--robot").arg(robot);

@@ -58,7 +58,7 @@ pub struct Blind {
     /// Also run the rivals over MuJoCo: plain least squares, mujoco.sysid
     #[arg(long)]
     pub baselines: bool,
-    /// Write what was measured into docs/results.md, between its markers, with this command and the commit
+    /// Write what was measured into docs/reference/results.md, between its markers, with this command and the commit
     #[arg(long)]
     pub write_docs: bool,
     /// Fail when a goal is missed

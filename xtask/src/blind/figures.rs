@@ -101,7 +101,8 @@ fn list(scored: &[&DiagnosisScore]) -> Vec<Figure> {
     let (none, single, pair, withheld) = (of(Case::None), of(Case::Single), of(Case::Pair), of(Case::Withheld));
     let mut all = single_figures(&single);
     all.push(
-        share("none_accused", "no effect: one is accused", &none, |s| !s.accused.is_empty()).goal(Goal::AtMost(0.05)),
+        share("none_accused", "no effect: one is identified", &none, |s| !s.accused.is_empty())
+            .goal(Goal::AtMost(0.05)),
     );
     all.extend(withheld_figures(&withheld));
     all.extend(left_out_figures(&single));
@@ -110,7 +111,7 @@ fn list(scored: &[&DiagnosisScore]) -> Vec<Figure> {
         share("pair_among_three", "two at once: both among the three likeliest", &pair, |s| s.among_three)
             .goal(Goal::AtLeast(0.75)),
     );
-    all.push(share("pair_accused", "two at once: both accused", &pair, |s| s.all_accused));
+    all.push(share("pair_accused", "two at once: both identified", &pair, |s| s.all_accused));
     all.extend(time_figures(scored));
     all
 }
@@ -184,7 +185,7 @@ fn single_figures(single: &[&DiagnosisScore]) -> Vec<Figure> {
         share("top_1", "in-library effect named first", single, |s| s.named).goal(Goal::AtLeast(0.85)),
         share("top_3", "among the three likeliest", single, |s| s.among_three).goal(Goal::AtLeast(0.95)),
         share("group", "it or one of its confusable group named first", single, |s| s.in_group),
-        share("wrong", "another one accused first", single, wrong),
+        share("wrong", "another one identified first", single, wrong),
         share_of("interface", "right interface", &interface).goal(Goal::AtLeast(0.95)),
         share_of("scope", "exactly the right joints, of those named", &scope),
         middle("error", "parameter error over range, median", named.iter().flat_map(|s| s.errors.clone()).collect())
@@ -207,11 +208,12 @@ fn single_figures(single: &[&DiagnosisScore]) -> Vec<Figure> {
 fn withheld_figures(withheld: &[&DiagnosisScore]) -> Vec<Figure> {
     let falsely = |s: &DiagnosisScore| s.said != UNKNOWN && !s.accused.is_empty();
     vec![
-        share("withheld_unknown", "withheld effect called unknown", withheld, |s| s.said == UNKNOWN)
+        share("withheld_unknown", "out-of-library effect called unknown", withheld, |s| s.said == UNKNOWN)
             .goal(Goal::AtLeast(0.85)),
-        share("withheld_accused", "withheld effect: one accused first", withheld, falsely).goal(Goal::AtMost(0.08)),
+        share("withheld_accused", "out-of-library effect: one identified first", withheld, falsely)
+            .goal(Goal::AtMost(0.08)),
         share("withheld_relative", "of these, a relative that describes it in part", withheld, |s| s.is_relative),
-        share("withheld_missed", "withheld effect: no gap seen", withheld, |s| s.said == "no_gap"),
+        share("withheld_missed", "out-of-library effect: no gap seen", withheld, |s| s.said == "no_gap"),
     ]
 }
 
@@ -221,9 +223,9 @@ fn left_out_figures(single: &[&DiagnosisScore]) -> Vec<Figure> {
     let accuses = said(&|said| said != UNKNOWN && said != "no_gap");
     let in_group: Vec<bool> = left_out.iter().map(|l| l.in_group).collect();
     vec![
-        share_of("left_out_unknown", "right effect taken out of the library: unknown", &said(&|said| said == UNKNOWN))
+        share_of("left_out_unknown", "right effect excluded from the library: unknown", &said(&|said| said == UNKNOWN))
             .goal(Goal::AtLeast(0.85)),
-        share_of("left_out_accused", "right effect taken out: another one accused first", &accuses)
+        share_of("left_out_accused", "right effect excluded: another one identified first", &accuses)
             .goal(Goal::AtMost(0.08)),
         share_of("left_out_group", "of these, one of its confusable group", &in_group),
     ]
@@ -297,7 +299,7 @@ fn confusion(scored: &[DiagnosisScore]) -> BTreeMap<String, BTreeMap<String, usi
     let mut out: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
     for s in scored.iter().filter(|s| s.case != Case::Pair) {
         let truth = s.truth.first().map_or("(no effect)", String::as_str);
-        let row = if s.case == Case::Withheld { format!("(withheld) {truth}") } else { truth.into() };
+        let row = if s.case == Case::Withheld { format!("(out-of-library) {truth}") } else { truth.into() };
         *out.entry(row).or_default().entry(s.said.clone()).or_default() += 1;
     }
     out

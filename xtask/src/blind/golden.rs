@@ -79,7 +79,7 @@ fn figures(workspace: &Workspace) -> Result<Vec<Figure>> {
 fn of(scored: &DiagnosisScore) -> Vec<Figure> {
     let there = match scored.case {
         Case::None => "no effect".to_string(),
-        Case::Withheld => format!("withheld {}", scored.truth.join(" and ")),
+        Case::Withheld => format!("out-of-library {}", scored.truth.join(" and ")),
         _ => scored.truth.join(" and "),
     };
     let figure = |figure: &str, value: Value, tolerance: f64| Figure {

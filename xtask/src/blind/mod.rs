@@ -65,7 +65,7 @@ pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
     if blind.write_docs {
         let root = &workspace.workspace_root;
         let measured = format!("{}\n\n{tables}", table::how(std::env::args().skip(1), &commit(root), &figures));
-        table::refresh(&root.join("docs/results.md"), &measured)?;
+        table::refresh(&root.join("docs/reference/results.md"), &measured)?;
     }
     let missed = figures.figures.iter().filter(|figure| figure.met() == Some(false)).count();
     println!("{missed} goals missed");
@@ -75,7 +75,7 @@ pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
 /// The commit that is checked out, and whether files differ from it.
 fn commit(root: &Path) -> String {
     let git = |words: &[&str]| process::output(Command::new("git").current_dir(root).args(words));
-    let Ok(hash) = git(&["rev-parse", "--short=10", "HEAD"]) else { return "a commit that git does not tell".into() };
+    let Ok(hash) = git(&["rev-parse", "--short=10", "HEAD"]) else { return "a commit that git does not report".into() };
     // The page itself may have been written before.
     let changed = git(&["status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs"]);
     let differs = changed.map_or(true, |list| !list.trim().is_empty());

@@ -84,7 +84,10 @@ fn write_origins(text: &mut String, figures: &Figures) -> std::fmt::Result {
 }
 
 fn write_baselines(text: &mut String, figures: &Figures) -> std::fmt::Result {
-    writeln!(text, "\n| method | named first | gap closed, median | no effect, accused | withheld, accused |")?;
+    writeln!(
+        text,
+        "\n| method | named first | gap closed, median | no effect, identified | out-of-library, identified |"
+    )?;
     writeln!(text, "|---|---:|---:|---:|---:|")?;
     let ours = |name: &str| number(figures.figures.iter().find(|f| f.name == name).and_then(|f| f.value));
     let [top, closed, none, withheld] = ["top_1", "closed", "none_accused", "withheld_accused"].map(ours);
@@ -133,7 +136,7 @@ mod tests {
         assert_eq!(fresh, format!("before\n{BEGIN}\n\n| new |\n\n{END}\nafter\n"));
         assert_eq!(between_markers(&fresh, "| new |\n").unwrap(), fresh);
         assert_eq!(between_markers("no markers", "x"), None);
-        let page = include_str!("../../../docs/results.md");
+        let page = include_str!("../../../docs/reference/results.md");
         assert!(between_markers(page, "| new |\n").is_some_and(|fresh| fresh.contains("| new |")));
         assert_eq!(between_markers(&format!("{END} {BEGIN}"), "x"), None);
     }

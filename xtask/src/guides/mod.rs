@@ -27,7 +27,13 @@ pub struct Guides {
 }
 
 /// Pages whose commands are run.
-const PAGES: [&str; 4] = ["README.md", "docs/tutorial_bag.md", "docs/tutorial_policy.md", "docs/tutorial_video.md"];
+const PAGES: [&str; 5] = [
+    "README.md",
+    "docs/guide/tour.md",
+    "docs/guide/tutorial_bag.md",
+    "docs/guide/tutorial_policy.md",
+    "docs/guide/tutorial_video.md",
+];
 /// First words of commands that other gates of continuous integration run.
 const ELSEWHERE: [&str; 3] = ["cargo install ", "cargo xtask ", "pip install "];
 /// What a page types to run the maker of the synthetic yard.

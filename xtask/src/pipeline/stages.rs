@@ -117,10 +117,10 @@ impl Stage {
         // The first walks from concrete onto tiles that are smoother than tiles are, the second from grass onto gravel.
         const RECORDING: [Call; 2] = [
             qv(
-                "fixture --ground yard/truth.glb --start=-0.4,0.35,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/tiles",
+                "fixture --terrain yard/truth.glb --start=-0.4,0.35,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/tiles",
             ),
             qv(
-                "fixture --ground yard/truth.glb --start=1.7,1.2,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/gravel",
+                "fixture --terrain yard/truth.glb --start=1.7,1.2,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/gravel",
             ),
         ];
         const INSPECT: [Call; 2] = [
@@ -128,10 +128,10 @@ impl Stage {
             remarks("inspect recording/gravel/run.mcap --json", "inspect/gravel.json"),
         ];
         const RECONSTRUCT: [Call; 1] = [qv(
-            "reconstruct yard --out reconstruct --poses capture --background black --iterations 3000 --small 0.5 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
+            "reconstruct yard --out reconstruct --poses capture --background black --iterations 3000 --coarse-to-fine 0.5 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
         )];
         const RECONSTRUCT_SMALL: [Call; 1] = [qv(
-            "reconstruct yard --out reconstruct --poses capture --background black --iterations 2000 --small 0.75 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
+            "reconstruct yard --out reconstruct --poses capture --background black --iterations 2000 --coarse-to-fine 0.75 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
         )];
         const MESH: [Call; 1] = [remarks(
             "mesh reconstruct/scene.ply --cameras yard/transforms.json --labels yard/labels.toml --triangles 40000 \
@@ -152,10 +152,10 @@ impl Stage {
         const WALK_SMALL: [Call; 1] = [qv("walk train --iterations 300 --out walk")];
         // Short walks: the yard is 6 m wide, and has a wall.
         const RECORD: [Call; 1] = [qv(
-            "walk record walk/policy.onnx --ground yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 10 --out record/walks",
+            "walk record walk/policy.onnx --terrain yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 10 --out record/walks",
         )];
         const RECORD_SMALL: [Call; 1] = [qv(
-            "walk record walk/policy.onnx --ground yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 3.3 --out record/walks",
+            "walk record walk/policy.onnx --terrain yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 3.3 --out record/walks",
         )];
         const TUNE: [Call; 1] = [qv(
             "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --params diagnose/calibrated.toml --out tune",
@@ -167,25 +167,25 @@ impl Stage {
         // The yard has nothing that hides a cone. Small: a minute or two on two cores.
         const NAVIGATE: [Call; 4] = [
             qv(
-                "navigate train --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --rounds 3 --frames 1500 --robots 32 --epochs 8 --batch 2 --seed 1 --out navigate --json",
+                "navigate train --scene reconstruct/scene.ply --terrain mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --rounds 3 --frames 1500 --robots 32 --epochs 8 --batch 2 --seed 1 --out navigate --json",
             ),
             remarks(
-                "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --out navigate/results.json",
+                "navigate test navigate/weights.bin --scene reconstruct/scene.ply --terrain mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --out navigate/results.json",
                 "navigate/said.txt",
             ),
             // The same policy on the tuned robot, in the simulator that was made like the recorded one.
             remarks(
-                "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --walk tune/policy.onnx --params tune/compensator.json --out navigate/walked.json",
+                "navigate test navigate/weights.bin --scene reconstruct/scene.ply --terrain mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --walk tune/policy.onnx --params tune/compensator.json --out navigate/walked.json",
                 "navigate/said_walked.txt",
             ),
             qv("navigate page navigate/results.json --beside navigate/walked.json --out navigate/index.html"),
         ];
         const VIEW: [Call; 1] = [qv("view diagnose again reconstruct --out view/view.html")];
         const REPORT: [Call; 1] = [qv(
-            "report --view view/view.html --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --out report/report.html",
+            "report --view view/view.html --reconstruction reconstruct --terrain again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --out report/report.html",
         )];
         const REPORT_NAVIGATE: [Call; 1] = [qv(
-            "report --view view/view.html --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --navigation navigate --out report/report.html",
+            "report --view view/view.html --reconstruction reconstruct --terrain again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --navigation navigate --out report/report.html",
         )];
         let is_small = size == Size::Small;
         match self {

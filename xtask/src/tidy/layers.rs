@@ -4,7 +4,7 @@ use super::source::Source;
 use crate::workspace::{Package, Workspace, short};
 use std::path::Path;
 
-/// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
+/// Layer of each crate; the table of docs/dev/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
 const LAYERS: &[(&str, u8)] = &[
     ("qv-core", 0),
     ("qv-page", 0),
@@ -92,7 +92,7 @@ fn gpu_gate(package: &Package) -> Vec<String> {
     found
 }
 
-/// Every library has a page of its own that says its layer and names an example, every crate a line in README.md and the licence of the workspace.
+/// Every library has a page of its own that says its layer and names an example, every crate a line on the page of the architecture and the licence of the workspace.
 fn completeness(package: &Package, root: &Path, sources: &[Source]) -> Vec<String> {
     let mut found = Vec::new();
     if package.has_target("lib") && !package.has_target("example") {
@@ -107,11 +107,10 @@ fn completeness(package: &Package, root: &Path, sources: &[Source]) -> Vec<Strin
         found.push(format!("{}: expected the licence MIT OR Apache-2.0, found {:?}", package.name, package.license));
     }
     let mentioned = format!("`{name}`");
-    for page in ["README.md", "docs/ARCHITECTURE.md"] {
-        let text = sources.iter().find(|source| source.path == Path::new(page)).map(|source| source.text.as_str());
-        if !text.is_some_and(|text| text.contains(&mentioned)) {
-            found.push(format!("{page}: expected it to name the crate {mentioned}, found nothing"));
-        }
+    let page = "docs/dev/ARCHITECTURE.md";
+    let text = sources.iter().find(|source| source.path == Path::new(page)).map(|source| source.text.as_str());
+    if !text.is_some_and(|text| text.contains(&mentioned)) {
+        found.push(format!("{page}: expected it to name the crate {mentioned}, found nothing"));
     }
     if name.starts_with("qv") && package.folder() != root.join("crates").join(&name) {
         found.push(format!("{}: expected it in crates/{name}", package.name));

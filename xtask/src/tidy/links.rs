@@ -39,7 +39,7 @@ fn broken(page: &Source, pages: &[&Source], files: &[PathBuf]) -> Vec<String> {
 fn unlisted(pages: &[&Source]) -> Vec<String> {
     let Some(summary) = pages.iter().find(|page| page.path == Path::new(SUMMARY)) else { return vec![] };
     let listed: BTreeSet<PathBuf> = links(&summary.text).into_iter().map(|link| Path::new("docs").join(link)).collect();
-    let is_page = |page: &&&Source| page.path.parent() == Some(Path::new("docs")) && page.path != Path::new(SUMMARY);
+    let is_page = |page: &&&Source| page.path.starts_with("docs") && page.path != Path::new(SUMMARY);
     let missing = pages.iter().filter(is_page).filter(|page| !listed.contains(&page.path));
     missing.map(|page| format!("{SUMMARY}: expected {}, found no link to it", page.path.display())).collect()
 }
@@ -75,8 +75,14 @@ fn links(text: &str) -> Vec<&str> {
 
 /// Lines outside of fences.
 fn prose(text: &str) -> impl Iterator<Item = &str> {
+    prose_lines(text).map(|(_, line)| line)
+}
+
+/// Lines outside of fences with their numbers from 1.
+pub fn prose_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let mut is_code = false;
-    text.lines().filter(move |line| {
+    let numbered = text.lines().enumerate().map(|(k, line)| (k + 1, line));
+    numbered.filter(move |(_, line)| {
         let is_fence = line.trim_start().starts_with("```");
         is_code ^= is_fence;
         !is_code && !is_fence

@@ -1,4 +1,4 @@
-//! `cargo xtask tidy`: the invariants of docs/ARCHITECTURE.md, read from `cargo metadata` and the files. Also a test.
+//! `cargo xtask tidy`: the invariants of docs/dev/ARCHITECTURE.md, read from `cargo metadata` and the files. Also a test.
 
 mod circles;
 mod goldens;
@@ -10,6 +10,7 @@ mod names;
 mod rust_text;
 mod source;
 mod sources;
+mod words;
 
 use crate::workspace::{Package, Workspace};
 use anyhow::{Context, Result};
@@ -22,23 +23,39 @@ use std::fs;
 /// Something that must be read cannot be read.
 fn findings(workspace: &Workspace) -> Result<Vec<String>> {
     let root = &workspace.workspace_root;
-    let (mut texts, files) = (Vec::new(), workspace.files()?);
-    for path in files.clone() {
-        let bytes = fs::read(root.join(&path)).with_context(|| format!("reading {}", path.display()))?;
-        // What is not UTF-8 is not text, and no rule here speaks of it.
-        if let Ok(text) = String::from_utf8(bytes) {
-            texts.push(Source { path, text });
-        }
-    }
+    let (texts, files) = (sources(workspace)?, workspace.files()?);
     let mut found = layers::check(workspace, &texts);
     found.extend(licences::check(workspace, &workspace.packages)?);
     found.extend(sources::check(workspace, &texts));
     found.extend(circles::check(workspace, &texts));
     found.extend(names::check(&texts));
     found.extend(links::check(&texts, &files));
+    found.extend(words::check(&texts));
     found.extend(goldens::check(root, &texts)?);
     found.sort();
     Ok(found)
+}
+
+/// All files of the repository that are text.
+fn sources(workspace: &Workspace) -> Result<Vec<Source>> {
+    let mut texts = Vec::new();
+    for path in workspace.files()? {
+        let file = workspace.workspace_root.join(&path);
+        let bytes = fs::read(file).with_context(|| format!("reading {}", path.display()))?;
+        // What is not UTF-8 is not text, and no rule here speaks of it.
+        if let Ok(text) = String::from_utf8(bytes) {
+            texts.push(Source { path, text });
+        }
+    }
+    Ok(texts)
+}
+
+/// Links of pages that lead nowhere, and pages that the book lacks.
+///
+/// # Errors
+/// A file cannot be read.
+pub fn broken_links(workspace: &Workspace) -> Result<Vec<String>> {
+    Ok(links::check(&sources(workspace)?, &workspace.files()?))
 }
 
 /// Those of some packages, of whatever workspace, whose licence deny.toml does not allow.

@@ -37,6 +37,27 @@ pub fn code(text: &str, strings: Strings) -> String {
     String::from_utf8(out).unwrap_or_default()
 }
 
+/// String literals with the byte that each begins at, quotes included; comments and characters have none.
+pub fn literals(text: &str) -> Vec<(usize, &str)> {
+    let bytes = text.as_bytes();
+    let (mut at, mut found) = (0, Vec::new());
+    while at < bytes.len() {
+        let (end, is_string) = match bytes[at] {
+            b'/' if bytes[at..].starts_with(b"//") => (end_of_line(bytes, at), false),
+            b'/' if bytes[at..].starts_with(b"/*") => (end_of_block_comment(bytes, at), false),
+            b'"' => (end_of_string(bytes, at), true),
+            b'r' if !in_word(bytes, at) => raw_string(bytes, at).map_or((at + 1, false), |end| (end, true)),
+            b'\'' => (end_of_char(bytes, at), false),
+            _ => (at + 1, false),
+        };
+        if is_string {
+            found.extend(text.get(at..end).map(|literal| (at, literal)));
+        }
+        at = end;
+    }
+    found
+}
+
 /// `code` without its test modules: each item after `#[cfg(test)]` or `#[cfg(all(test, ...))]`, to its closing brace or
 /// semicolon, is blanked.
 /// Expects comments and strings to be blanked already, since braces are counted.
@@ -165,6 +186,14 @@ mod tests {
         }
         let kept = code(text, Strings::Keep);
         assert!(kept.contains("x // y") && kept.contains("raw \" one") && !kept.contains("note"));
+    }
+
+    #[test]
+    fn literals_are_those_of_code() {
+        let text = "let a = \"one\"; // \"no\"\nlet b = \"two\\\n  lines\"; let c = '\"';\nlet d = r#\"three\"#;";
+        let found: Vec<&str> = literals(text).iter().map(|(_, literal)| *literal).collect();
+        assert_eq!(found, ["\"one\"", "\"two\\\n  lines\"", "r#\"three\"#"]);
+        assert_eq!(literals(text)[0].0, 8);
     }
 
     #[test]

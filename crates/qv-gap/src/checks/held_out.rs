@@ -161,7 +161,7 @@ impl Closure {
             closed: self.closed(),
             closed_ci95: [at(0.025), at(0.975)],
             closed_in_fit: None,
-            unit: "mean square of residuals in units of the null".into(),
+            unit: "mean squared normalized residual (1 = robot without a fault)".into(),
             heldout: true,
             joint_rms: [rms(&mut self.windows.iter().map(|&w| &study.seen[w].raw)), rms(&mut self.after_raw.iter())],
             joint_rms_apart: JointRmsApart::of(&by_window),

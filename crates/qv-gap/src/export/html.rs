@@ -67,17 +67,44 @@ fn verdict(report: &Report) -> String {
         Verdict::PartlyExplained => (Mood::Fair, "Partly explained"),
         Verdict::Unexplained => (Mood::Bad, "Unexplained"),
     };
-    let mut text = parts::verdict(mood, badge, &escape(&report.sentence));
+    let first = format!("{}{}", escape(&report.sentence), parts::answers(&answers(report)));
+    let mut text = parts::verdict(mood, badge, &first);
     if !report.corrections_apply {
         let why = format!(
-            "With what was found the error in windows that no fit has seen is higher: {} instead of {}, in units of the null. No file \
-             applies it.",
-            fixed(report.gap.after, 2),
-            fixed(report.gap.before, 2)
+            "Correcting the effect raises the error of held-out windows from {} to {} (1 = a robot without a fault). No file applies it.",
+            fixed(report.gap.before, 2),
+            fixed(report.gap.after, 2)
         );
         text += &parts::verdict(Mood::Bad, "Not a correction", &why);
     }
     text
+}
+
+/// What a reader asks first: cause, size, how much it removes, how sure that is, what to do.
+fn answers(report: &Report) -> Vec<(&'static str, String)> {
+    let next = report.next.first().map_or(String::new(), |step| with_code(step));
+    let [low, high] = report.gap.closed_ci95.map(percent);
+    let Some(cause) = report.causes.first() else {
+        let nearest = report.leads.first().and_then(|lead| lead.effects.first());
+        return vec![("Nearest candidate", nearest.map_or(String::new(), |e| escape(&words(e)))), ("Next step", next)];
+    };
+    let sizes: Vec<String> = cause.parameters.iter().map(|p| escape(&words::size(p))).collect();
+    let removes = match report.corrections_apply {
+        true => format!("{} ({low} to {high})", percent(report.gap.closed)),
+        false => "no held-out error: not a correction".into(),
+    };
+    let sure = if report.is_balanced() {
+        format!("tests with {} false alarms", percent(report.policy.held.alpha))
+    } else {
+        format!("{} probable", percent(cause.probability))
+    };
+    vec![
+        ("Cause", format!("<b>{}</b>", escape(&words(&cause.effect)))),
+        ("Size (95 % interval)", sizes.join("<br>")),
+        ("Removes, of the held-out excess error", removes),
+        ("Certainty", sure),
+        ("Next step", next),
+    ]
 }
 
 /// Where to look when nothing is accused.
@@ -85,14 +112,15 @@ fn leads(leads: &[Lead]) -> String {
     if leads.is_empty() {
         return String::new();
     }
-    let mut text = "<h2>What it looks most like</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap; each \
-                    line holds effects that this recording cannot distinguish.</p>"
-        .to_string();
+    let mut text =
+        "<h2>Nearest candidates</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap. Effects of one \
+                    line cannot be separated by this recording.</p>"
+            .to_string();
     for lead in leads {
         let names: Vec<String> = lead.effects.iter().map(|e| words(e)).collect();
         let _ = write!(
             text,
-            "<p><b>{}</b> ({}): would close {} of the gap{}. To tell: {}.</p>",
+            "<p><b>{}</b> ({}): would remove {} of the gap{}. To separate: {}.</p>",
             escape(&names.join(", or ")),
             escape(&crate::report::narrative::amounts(lead)),
             percent(lead.closed),
@@ -120,8 +148,8 @@ fn sentences(report: &Report) -> String {
         let items: String = sentences.iter().map(|s| format!("<li>{}</li>", with_code(s))).collect();
         format!("<div><h2>{title}</h2><div class=\"card\"><{tag}>{items}</{tag}></div></div>")
     };
-    let next = list("What to do next", &report.next, "ol");
-    let cannot = list("What this recording cannot tell", &report.cannot_tell, "ul");
+    let next = list("Next steps", &report.next, "ol");
+    let cannot = list("What this recording cannot show", &report.cannot_tell, "ul");
     if next.is_empty() && cannot.is_empty() {
         String::new()
     } else {
@@ -156,7 +184,7 @@ fn place(report: &Report) -> String {
         return String::new();
     }
     format!(
-        "<h2>Where it lies</h2><div class=\"stack\">{}</div>",
+        "<h2>Error breakdown</h2><div class=\"stack\">{}</div>",
         parts.iter().map(|p| format!("<div>{p}</div>")).collect::<String>()
     )
 }
@@ -170,12 +198,12 @@ fn unexplained(left: &Remainder, verdict: Verdict) -> String {
     if share.is_empty() && left.depends_on.is_empty() {
         return String::new();
     }
-    let mut text = format!("<h2>What is left</h2><div class=\"card\">{share}");
+    let mut text = format!("<h2>Remaining error</h2><div class=\"card\">{share}");
     if left.depends_on.is_empty() {
-        text += "<p class=\"soft\">It goes along with nothing that was looked at.</p>";
+        text += "<p class=\"soft\">It correlates with none of the tested factors.</p>";
     } else {
-        text += "<p class=\"soft small\">What it goes along with, and how much of its variance that foretells in windows that \
-                 were not fitted (R²):</p>";
+        text += "<p class=\"soft small\">Factors that predict it, with the share of its variance in \
+                 held-out windows (R²):</p>";
         let mut bars = Bars::new();
         for f in &left.depends_on {
             bars.row(&escape(&f.factor), &track(f.r2_heldout, "accent"), &fixed(f.r2_heldout, 2));
@@ -221,9 +249,8 @@ fn corrections(report: &Report, library: &[Effect]) -> String {
         ]);
     }
     let (count, table) = (report.corrections.len(), table.to_html());
-    let html = format!(
-        "<details><summary>{count} parameters of the simulator, as in calibrated.toml</summary>{table}</details>"
-    );
+    let html =
+        format!("<details><summary>{count} simulator parameters, as in calibrated.toml</summary>{table}</details>");
     format!("<h2>Corrections</h2>{}", parts::card(&html))
 }
 
@@ -246,7 +273,7 @@ fn stages(stages: &[Stage]) -> String {
         return String::new();
     }
     let mut text = format!(
-        "<h2>What was simulated</h2><div class=\"card small\"><p>{} million simulated steps</p>",
+        "<h2>Simulation effort</h2><div class=\"card small\"><p>{} million simulated steps</p>",
         significant(1e-6 * all as f64, 3)
     );
     let mut bars = Bars::new();

@@ -20,7 +20,9 @@ pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
             FaultKind::Frozen if !mended.faults.contains(fault) => {
                 format!("{} {}: what was recorded then is left out", fault.channel, fault.detail)
             }
-            FaultKind::Frozen => format!("{} stood still: nothing is accused on it ({})", fault.channel, fault.detail),
+            FaultKind::Frozen => {
+                format!("{} stood still: nothing is identified on it ({})", fault.channel, fault.detail)
+            }
             // What is left out costs no windows.
             FaultKind::Gap
                 if mended.faults.iter().any(|f| f.kind == FaultKind::Convention && f.channel == fault.channel) =>

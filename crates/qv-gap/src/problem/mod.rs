@@ -49,10 +49,10 @@ fn check_legs(run: &Run, Rollout { feet, terrain, .. }: &Rollout) -> Result<(), 
         return without("poses, or feet to follow: spheres on links that begin with a name of a foot");
     }
     if run.measured.orientation.as_ref().is_none_or(JointSeries::is_empty) {
-        return without("poses, or the IMU's orientation, with which its legs tell where it goes");
+        return without("poses, or the IMU's orientation for leg odometry");
     }
     if !terrain.is_plane() {
-        return without("poses, since this ground is not a plane and only they tell where on it the robot walks");
+        return without("poses, which locate the robot on a terrain that is not a plane");
     }
     Ok(())
 }

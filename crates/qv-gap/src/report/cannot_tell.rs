@@ -25,11 +25,11 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
     }
     if m.torque.is_none() {
         remarks.push(
-            "joint torques were not measured: what the motors do cannot be told from what the links do".to_string(),
+            "joint torques were not measured: what the motors do cannot be stated from what the links do".to_string(),
         );
     }
     if study.rollout.free && m.orientation.is_none() {
-        remarks.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
+        remarks.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be stated".to_string());
     }
     let lacking = lacking(study, library);
     if !lacking.is_empty() {
@@ -39,11 +39,11 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
     remarks.extend(strangers(study, run));
     remarks.extend(resting(study));
     if study.rollout.free && m.gyro.is_none() {
-        remarks.push("there is no gyroscope: its bias cannot be told".to_string());
+        remarks.push("there is no gyroscope: its bias cannot be stated".to_string());
     }
     let weak = weak_of_measured(study, run);
     if !weak.is_empty() {
-        remarks.push(format!("too little excitation to tell {}", weak.join(", ")));
+        remarks.push(format!("too little excitation to identify {}", weak.join(", ")));
     }
     remarks
 }
@@ -123,7 +123,7 @@ fn resting(study: &LinearisedProblem) -> Option<String> {
         all if all == study.rollout.columns.len() => ("no joint moves: no delay of the pose,".to_string(), ""),
         _ => (format!("{} hardly move: no", resting.join(", ")), " of them"),
     };
-    Some(format!("{whose} latency, lag, velocity gain, viscous friction or rotor inertia{what} is accused"))
+    Some(format!("{whose} latency, lag, velocity gain, viscous friction or rotor inertia{what} is identified"))
 }
 
 /// Effects whose value this recording leaves open by more than half of their range.

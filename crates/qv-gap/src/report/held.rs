@@ -352,7 +352,7 @@ impl Page<'_> {
         let mut all = Vec::new();
         for cause in causes.iter().filter(|c| !c.confusable_with.is_empty() && !c.separating_experiment.is_empty()) {
             all.push(format!(
-                "To tell {} from {}: {}.",
+                "To separate {} from {}: {}.",
                 cause.effect,
                 cause.confusable_with.join(", "),
                 cause.separating_experiment

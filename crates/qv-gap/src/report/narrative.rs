@@ -25,7 +25,7 @@ fn beside_verdict(causes: &[Cause]) -> Vec<String> {
     let words = |cause: &Cause| {
         let others: Vec<String> = one_without_poses(&cause.effect).map(|o| o.replace('_', " ")).collect();
         let effect = cause.effect.replace('_', " ");
-        (!others.is_empty()).then(|| format!("Without poses {effect} cannot be told from {}.", others.join(" or ")))
+        (!others.is_empty()).then(|| format!("Without poses {effect} cannot be stated from {}.", others.join(" or ")))
     };
     causes.iter().filter_map(words).collect()
 }
@@ -67,7 +67,7 @@ fn ended(sentence: &str) -> String {
 fn nearest(lead: &Lead) -> String {
     let names: Vec<String> = lead.effects.iter().map(|e| e.replace('_', " ")).collect();
     format!(
-        "Nearest, not accused: {} ({}), which would close {:.0} % of the gap. To tell: {}",
+        "Nearest candidate, not identified: {} ({}), which would remove {:.0} % of the gap. To separate: {}",
         names.join(" or "),
         amounts(lead),
         100.0 * lead.closed,
@@ -107,14 +107,12 @@ fn sentence(
         format!("{}{} ({})", c.effect.replace('_', " "), whereabouts(&c.scope), amounts.join(", "))
     };
     let all: Vec<String> = causes.iter().map(described).collect();
-    let closed = format!("{:.0} % of the gap in windows that no fit has seen", 100.0 * gap.closed);
+    let closed = format!("{:.0} % of the excess error in held-out windows", 100.0 * gap.closed);
     match verdict {
-        Verdict::NoGap => {
-            "Simulator and robot agree as well as sensor noise and the tolerances of any robot let them.".into()
-        }
+        Verdict::NoGap => "No gap: simulator and robot agree within sensor noise and tolerances.".into(),
         Verdict::Explained => {
             let them = if all.len() > 1 { "them" } else { "it" };
-            format!("The gap is {}; with {them} the simulator closes {closed}.", all.join(" and "))
+            format!("Cause: {}. Correcting {them} removes {closed}.", all.join(" and "))
         }
         Verdict::PartlyExplained if gap.closed < NOTHING => {
             let alone = causes.iter().filter(|c| c.scope == ["region"]).map(|c| c.closed_alone).fold(0.0, f64::max);
@@ -122,35 +120,32 @@ fn sentence(
                 String::new()
             } else {
                 // Feet that slip go their own way: two simulations of a window differ by more than the window from either.
-                format!(" (of pieces a third as long it closes {:.0} %)", 100.0 * alone)
+                format!(" (it removes {:.0} % in windows a third as long)", 100.0 * alone)
             };
-            let no_closer = "whole windows that no fit has seen come no closer with it";
-            format!(
-                "A part of the gap is {}, but {no_closer}{pieces}; something else is there, too.",
-                all.join(" and ")
-            )
+            let no_closer = "correcting it does not reduce the error of whole held-out windows";
+            format!("A part of the gap is {}, but {no_closer}{pieces}; the rest has another cause.", all.join(" and "))
         }
         Verdict::PartlyExplained => {
             let part = if gap.closed < 0.5 { "A part" } else { "Most" };
-            format!("{part} of the gap is {}, which closes {closed}; something else is there, too.", all.join(" and "))
+            let sizes = all.join(" and ");
+            format!("{part} of the gap is {sizes}. Correcting it removes {closed}; the rest has another cause.")
         }
         // Whatever is nearest may be due to that alone.
         Verdict::Unexplained if !dead.is_empty() => format!(
-            "There is a gap, and {} stood still throughout: nothing can be told before that is mended.",
+            "There is a gap, and {} did not change throughout the recording: repair that before any diagnosis.",
             dead.join(", ")
         ),
         Verdict::Unexplained => {
             let runner_up = ranking.iter().map(|r| &r.effect).find(|e| *e != UNKNOWN);
             let nearest = match leads.first() {
                 Some(lead) if lead.closed > MUCH => Some(format!(
-                    " The nearest, {}, would close {:.0} % of it, but is not accused: see what to do next.",
+                    " The nearest candidate, {}, would remove {:.0} % of it, but is not identified: see the next steps.",
                     lead.effects.first().map_or(String::new(), |e| e.replace('_', " ")),
                     100.0 * lead.closed
                 )),
-                lead => lead
-                    .and_then(|l| l.effects.first())
-                    .or(runner_up)
-                    .map(|effect| format!(" The nearest, {}, does not explain it.", effect.replace('_', " "))),
+                lead => lead.and_then(|l| l.effects.first()).or(runner_up).map(|effect| {
+                    format!(" The nearest candidate, {}, does not explain it.", effect.replace('_', " "))
+                }),
             };
             format!("There is a gap that no single effect of the library explains.{}", nearest.unwrap_or_default())
         }
@@ -197,7 +192,7 @@ fn together(together: &Together) -> String {
     };
     let all: Vec<String> = together.effects.iter().map(described).collect();
     format!(
-        "Fitted at once, these would close {:.0} % and take positions of joints from {} to {} mrad: {}. None of them is accused.",
+        "Fitted together, these would remove {:.0} % and change joint position errors from {} to {} mrad: {}. None of them is identified.",
         100.0 * together.closed,
         significant(1e3 * together.joint_rms[0], 3),
         significant(1e3 * together.joint_rms[1], 3),
@@ -220,8 +215,9 @@ fn as_good(first: Option<&Round>, causes: &[Cause], policy: &Policy) -> Option<S
         }
     }
     let is_steady = accused.extent.is_none();
-    (is_steady && !others.is_empty())
-        .then(|| format!("In this recording {} would do nearly as well: take them as one group.", others.join(" or ")))
+    (is_steady && !others.is_empty()).then(|| {
+        format!("In this recording {} would explain it nearly as well: treat them as one group.", others.join(" or "))
+    })
 }
 
 /// A round in words, and what it came to.
@@ -249,20 +245,20 @@ fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[String], policy: &Policy) -
     let mut first = Vec::new();
     if !dead.is_empty() {
         first.push(format!(
-            "Mend {} and record again: without a joint's position nothing near it can be simulated, and what is left may be due to that alone.",
+            "Repair {} and record again: without the position of a joint the links near it cannot be simulated.",
             dead.join(", ")
         ));
     }
     if verdict != Verdict::NoGap && gap.before > policy.huge_gap * gap.floor {
         first.push(format!(
-            "The gap is {:.0} times what noise makes. Check the model before anything else: masses and lengths of the URDF, names and order of the \
+            "The gap is {:.0} times the noise floor. Check the model first: masses and lengths of the URDF, names and order of the \
              joints, gains, units and signs of every channel.",
             gap.before / gap.floor
         ));
     } else if verdict == Verdict::Unexplained && dead.is_empty() && gap.before > policy.large_unexplained * gap.floor {
         first.push(format!(
-            "The gap is {:.0} times what noise makes, and no effect explains it: it may be the model's. Weigh the robot, and check masses and lengths of \
-             the URDF, gains and units, before you look for what the robot does.",
+            "The gap is {:.0} times the noise floor, and no effect explains it: the model may be wrong. Check masses and lengths of \
+             the URDF, gains and units first.",
             gap.before / gap.floor
         ));
     }
@@ -284,11 +280,11 @@ fn beyond_feet(data: &CauseData) -> Option<String> {
 fn once_more(verdict: Verdict, causes: &[Cause]) -> &'static str {
     let is_event = |c: &Cause| c.parameters.iter().any(|p| p.name == "start");
     if causes.iter().any(is_event) {
-        "What acted for a while belongs to this recording: take its external.* out of calibrated.toml before you use it for another one."
+        "A disturbance belongs to this recording: remove external.* from calibrated.toml before you use it for another one."
     } else if verdict == Verdict::Explained {
         "Record once more and diagnose with --params calibrated.toml: the verdict should be no_gap."
     } else {
-        "Record once more and diagnose with --params calibrated.toml: what is left then is what is not known yet."
+        "Record once more and diagnose with --params calibrated.toml: what remains has another cause."
     }
 }
 
@@ -321,17 +317,17 @@ pub fn next(
     let mut next = first_of_all(verdict, gap, &data.dead, &decision.policy);
     if let Some(closed) = slips(evidence, causes.iter()) {
         next.push(format!(
-            "Where feet slip nobody foretells whole windows: a foot that lands a little earlier slips elsewhere. In pieces of 0.1 s \
-             this friction closes {:.0} % of what feet do there and nowhere else.",
+            "Whole windows cannot be predicted where feet slip. In windows of 0.1 s this friction removes {:.0} % of the error \
+             of the feet in that region.",
             100.0 * closed
         ));
     }
     match verdict {
-        Verdict::NoGap => next.push("Nothing to correct. For a sharper test record faster and larger motions.".into()),
+        Verdict::NoGap => next.push("Nothing to correct. Faster and larger motions test more.".into()),
         Verdict::Explained | Verdict::PartlyExplained => {
             next.push(if gap.after > gap.before {
                 format!(
-                    "Take what was found as a finding, not as a correction: with it the loss of whole windows is {:.2}, without it {:.2}. No file applies it.",
+                    "The effect is present, but correcting it alone raises the error of held-out windows from {1:.2} to {0:.2}. No file applies it.",
                     gap.after, gap.before
                 )
             } else {
@@ -342,7 +338,7 @@ pub fn next(
             for cause in causes.iter().filter(|c| !c.confusable_with.is_empty()) {
                 let likes = cause.confusable_with.join(", ");
                 next.push(format!(
-                    "{} looks like {likes} here. To tell them apart: {}",
+                    "{} looks like {likes} here. To separate them: {}",
                     cause.effect,
                     apart(cause, evidence)
                 ));
@@ -350,10 +346,10 @@ pub fn next(
         }
         Verdict::Unexplained => {
             next.push(
-                "Look at what is left and what it goes along with; add an effect of your own with --library.".into(),
+                "Check the recording and the model first: docs/guide/troubleshooting.md lists symptom, check and command. An effect of your own goes into --library.".into(),
             );
             if data.recordings > 1 {
-                next.push("Diagnose each recording by itself, too: one robot is looked for that explains all of them, and they may differ.".into());
+                next.push("Diagnose each recording separately, too: one cause is assumed for all of them.".into());
             }
             next.extend(leads.first().map(nearest));
             let best = evidence.rounds.first().and_then(|r| r.candidates.first());
@@ -364,10 +360,10 @@ pub fn next(
         }
     }
     if let Some((effect, why)) = decision.rounds.last().and_then(|r| r.refused.as_ref()) {
-        next.push(format!("Not accused: {effect}: {why}."));
+        next.push(format!("Not identified: {effect}: {why}."));
     }
     if let (Some(doubt), Some(first)) = (&decision.doubt, data.causes.first()) {
-        next.push(format!("Not accused: {}: {doubt}.", first.cause.effect));
+        next.push(format!("Not identified: {}: {doubt}.", first.cause.effect));
     }
     next
 }
@@ -404,8 +400,8 @@ mod tests {
         let remarks =
             |alone, closed| sentence(Verdict::PartlyExplained, (&[cause(alone)], &gap(closed)), (&[], &[]), &[]);
         let slips = remarks(0.24, 0.0);
-        assert!(slips.states("closer 24"), "{slips}");
-        assert!(!remarks(0.0, 0.0).contains('%') && !slips.contains("closes 0 %"));
+        assert!(slips.states("held-out 24"), "{slips}");
+        assert!(!remarks(0.0, 0.0).contains('%') && !slips.contains("removes 0 %"));
         assert!(remarks(0.24, 0.3).states("windows 30"));
     }
 }

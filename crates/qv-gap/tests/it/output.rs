@@ -125,10 +125,23 @@ fn the_page_is_one_file_without_network() {
 }
 
 #[test]
+fn the_first_screen_answers_what_a_reader_asks() {
+    let page = to_html(&report(), "walk", &[], &[]);
+    let first = page.split("<h2>").next().unwrap_or_default();
+    for question in ["Cause", "Size (95 % interval)", "Removes", "Certainty", "Next step"] {
+        assert!(first.contains(&format!("<dt>{question}")), "{question}: {first}");
+    }
+    let mut nameless = report();
+    nameless.causes.clear();
+    let page = to_html(&nameless, "walk", &[], &[]);
+    assert!(!page.contains("<dt>Certainty") && page.contains("<dt>Next step"));
+}
+
+#[test]
 fn what_is_not_there_takes_no_room() {
     let page = to_html(&empty(), "run", &[], &[]);
     for absent in
-        ["<svg", "What is left", "Where it lies", "What to do next", "cannot tell", "Where the time", "Corrections"]
+        ["<svg", "Remaining error", "Error breakdown", "Next step", "cannot show", "Simulation effort", "Corrections"]
     {
         assert!(!page.contains(absent), "{absent}");
     }
@@ -139,7 +152,7 @@ fn what_is_not_there_takes_no_room() {
     held.verdict = Verdict::Unexplained;
     held.causes.clear();
     let page = to_html(&held, "arm", &[], &[]);
-    assert!(!page.contains("Where on the floor") && page.states("diagnosis"));
+    assert!(!page.contains("Error along the path") && page.states("library"));
     assert!(!page.contains("95 % interval"), "nothing is closed without a cause");
     assert!(!page.contains(">after<"), "after is before");
     assert!(read::boards(&page)[0].panels.iter().flat_map(|p| &p.lines).all(|l| l.name != "after"));
@@ -263,7 +276,7 @@ fn the_page_says_by_how_much_the_error_falls_and_why_two_figures_differ() {
     let page = to_html(&remarks, "walk", &[], &[]);
     let agreed = "Error on held-out data falls 88 % (mean square of all channels, 38.2 to 4.43); of the joints alone it falls 95 % (14.2 to 3.1 mrad).";
     assert!(page.contains(agreed) && page.states("explained"), "{page}");
-    assert!(!page.contains("The two differ") && !page.contains("paths of simulator and robot part"));
+    assert!(!page.contains("The two differ") && !page.contains("simulation and recording diverge"));
     // Feet slip in two of ten windows, where nothing is mended.
     let windows: Vec<[f64; 2]> = (0..10).map(|k| if k < 2 { [0.03, 0.036] } else { [0.017, 0.002] }).collect();
     remarks.gap.joint_rms = [0.0204, 0.017];
@@ -273,8 +286,8 @@ fn the_page_says_by_how_much_the_error_falls_and_why_two_figures_differ() {
     for said in [
         "falls 96 % (mean square of all channels, 100 to 4.00); of the joints alone it falls 31 % (20.4 to 17.0 mrad)",
         "The two differ",
-        "In 2 of 10 windows the paths of simulator and robot part",
-        "there joints go from 30.0 to 36.0 mrad. In the other 8 they go from 17.0 to 2.0 mrad.",
+        "In 2 of 10 windows simulation and recording diverge",
+        "there the joint error changes from 30.0 to 36.0 mrad. In the other 8 it changes from 17.0 to 2.0 mrad.",
     ] {
         assert!(page.contains(said), "{said}");
     }

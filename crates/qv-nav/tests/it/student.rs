@@ -1,4 +1,4 @@
-//! The best student of `docs/navigation.md` still finds its cones: what it was trained with is drawn, walked and recalled as then.
+//! The best student of `docs/guide/navigation.md` still finds its cones: what it was trained with is drawn, walked and recalled as then.
 
 use qv_nav::eye::SplatEye;
 use qv_nav::legs::Follower;

@@ -1,7 +1,7 @@
 //! Someone's policy rolled out on a robot in the simulator: a [`Description`] says what it sees and what its actions
 //! mean, [`roll`] runs it.
 //!
-//! Three policies of others, which `descriptions/` describes, walk here as in MuJoCo. Each starts 1 mm above the ground and
+//! Three policies of others, which `descriptions/` of qv-go2 describes, walk here as in MuJoCo. Each starts 1 mm above the ground and
 //! walks for 4 s; the base paths are then apart by the millimetres of this table (`fixtures/mujoco/roll.py --compare`, largest
 //! distance in the plane). In brackets: how far MuJoCo's own path moves for a start 1 um higher.
 //!

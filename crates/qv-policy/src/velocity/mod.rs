@@ -89,7 +89,7 @@ impl VelocityTask {
         let options = SimOptions {
             timestep: settings.timestep(),
             iterations: settings.iterations,
-            // Ends that reading docs/simulator.md, "Speed", recommends for training.
+            // Ends that reading docs/theory/simulator.md, "Speed", recommends for training.
             line_search: LineSearch::Apex,
             line_search_iterations: 4,
             tolerance: Some(1e-2),

@@ -153,7 +153,7 @@ impl GpuRasteriser {
     fn kept(&self) -> Result<(&super::buffers::Buffers, &crate::lens::Batch), RasterError> {
         match (&self.buffers, &self.batch, self.after) {
             (_, _, Some(stage)) => Err(RasterError::Device(format!(
-                "expected a batch that the card drew alone, found one that the CPU drew up to {stage:?}"
+                "expected a batch that the GPU drew alone, found one that the CPU drew up to {stage:?}"
             ))),
             (Some(buffers), Some(batch), None) if buffers.sizes.variant.keep => Ok((buffers, batch)),
             _ => Err(nothing()),

@@ -114,7 +114,7 @@ impl GpuRasteriser {
     ) -> Result<(), RasterError> {
         let found = (scene.cloud.len(), scene.cloud.sh_degree, scene.cloud.feature_count, scene.group_count());
         if found != kind(cloud) {
-            let what = "Gaussians of the scene, and of its copy on the card".to_string();
+            let what = "Gaussians of the scene, and of its copy on the GPU".to_string();
             return Err(RasterError::Length { what, expected: cloud.count, found: scene.cloud.len() });
         }
         self.prepare_batch(cloud, Batch::new(scene, views)?, cloud.count, settings, how)

@@ -323,7 +323,7 @@ fn averaged(image: &Image, by: usize) -> Vec<f32> {
 
 #[test]
 fn a_small_image_is_the_average_of_a_large_one() {
-    // The figure that docs/rasteriser.md gives, with a tenth of the Gaussians.
+    // The figure that docs/theory/rasteriser.md gives, with a tenth of the Gaussians.
     let cloud = qv_raster::workload::cloud(30_000, 0, 1);
     let large = qv_raster::workload::cameras(1, 1, 640, 480)[0];
     let small = qv_raster::workload::cameras(1, 1, 80, 60)[0];

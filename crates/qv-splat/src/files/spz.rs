@@ -1,4 +1,4 @@
-//! Niantic's SPZ (nianticlabs/spz; commits in `docs/splat_files.md`).
+//! Niantic's SPZ (nianticlabs/spz; commits in `docs/reference/splat_files.md`).
 //!
 //! Per Gaussian: position, 24-bit fixed point (version 1: half floats); opacity, 8 bits; colour of the constant harmonic,
 //! coefficient times 0.15 plus 0.5 in 8 bits; log scale plus 10, times 16, 8 bits; rotation, x, y, z in 8 bits each with w

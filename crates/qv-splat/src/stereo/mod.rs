@@ -3,7 +3,7 @@
 //! For each photograph: a few others chosen by angle and overlap (`views`); normalised cross-correlation with them on planes that are
 //! uniform in inverse depth (`sweep`; Collins 1996), the better half of the others counting (Kang, Szeliski, Chai 2001); semi-global
 //! aggregation (`aggregate`; Hirschmüller 2008). A depth counts where depths of other photographs agree (`agree`; Merrell et al. 2007);
-//! everything else is not measured. `docs/reconstruction.md` has the equations.
+//! everything else is not measured. `docs/guide/reconstruction.md` has the equations.
 //!
 //! The same photographs give the same bits on any number of threads.
 
@@ -55,7 +55,7 @@ pub fn measure(
 ) -> Result<StereoDepth, SplatError> {
     let place = "stereo";
     let count = dataset.training.len();
-    let expected = || format!("at least {FEWEST} photographs to learn from that show the same from different places");
+    let expected = || format!("at least {FEWEST} images to learn from that show the same from different places");
     if count < FEWEST {
         return Err(off(place, expected(), count));
     }

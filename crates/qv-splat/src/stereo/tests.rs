@@ -191,7 +191,7 @@ fn too_few_photographs_are_named() {
         measure(&mut dataset, Some(&points()), &StereoOptions::default(), &SILENT).unwrap_err().to_string()
     };
     let error = wrong(scene(2).0);
-    assert!(error.states("photographs 3") && error.ends_with("found 2"), "{error}");
+    assert!(error.states("images 3") && error.ends_with("found 2"), "{error}");
     // From one place nothing shows depth.
     let (mut dataset, _) = scene(4);
     for one in &mut dataset.training {

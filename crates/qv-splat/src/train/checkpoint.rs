@@ -89,7 +89,7 @@ fn read_masks(mut bytes: &[u8], views: usize) -> Result<Vec<Mask>, SplatError> {
     }
     match bytes.is_empty() && (masks.is_empty() || masks.len() == views) {
         true => Ok(masks),
-        false => Err(off(PLACE, format!("masks of {views} photographs"), masks.len())),
+        false => Err(off(PLACE, format!("masks of {views} images"), masks.len())),
     }
 }
 
@@ -166,7 +166,7 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     let learned: Vec<[f32; 12]> = rest.rows(lenses);
     let groups: Vec<usize> = rest.words(views).into_iter().map(|group| group as usize).collect();
     if let Some(group) = groups.iter().find(|group| **group >= lenses) {
-        return Err(off(PLACE, format!("photographs of {lenses} cameras"), format!("one of camera {group}")));
+        return Err(off(PLACE, format!("images of {lenses} cameras"), format!("one of camera {group}")));
     }
     let seen = rest.words(lenses);
     let numbers: Vec<f64> = rest.0.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();

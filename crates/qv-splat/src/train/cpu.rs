@@ -423,7 +423,7 @@ mod tests {
         let mut model = Model::new(scene.cloud.clone(), &scene.dataset);
         model.exposures.pop();
         let error = CpuEngine::new(&scene.dataset, &TrainOptions::default(), model).unwrap_err().to_string();
-        assert!(error.states("photographs 4 3"), "{error}");
+        assert!(error.states("images 4 3"), "{error}");
         let mut model = Model::new(scene.cloud.clone(), &scene.dataset);
         assert_eq!(model.check_places(&scene.dataset), Ok(()));
         model.poses[2].position.x += 0.01;

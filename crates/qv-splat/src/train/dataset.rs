@@ -118,7 +118,7 @@ impl Dataset {
         match (dataset, lost.first()) {
             (Err(error), Some(first)) => {
                 let found = format!("{error}; {} lost; the first: {first}", lost.len());
-                Err(off("capture", "photographs that can be read and learned from", found))
+                Err(off("capture", "images that can be read and learned from", found))
             }
             (dataset, _) => Ok(Self { lost, turned, ..dataset? }),
         }
@@ -137,14 +137,14 @@ impl Dataset {
         }
         if training.len() < 2 {
             let found = format!("{} of {}, one in {hold_out} held out", training.len(), cameras.len());
-            return Err(off("capture", "at least 2 photographs to learn from", found));
+            return Err(off("capture", "at least 2 images to learn from", found));
         }
         let background = mean_colour(&training);
         let (lost, turned, extent) = (vec![], BTreeMap::new(), extent(&cameras));
         let dataset = Self { training, held_out, extent, background, antialias: false, lost, turned };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
-            let expected = "two photographs that show the same place";
+            let expected = "two images that show the same place";
             return Err(off("capture", expected, format!("no overlap between any of {count}")));
         }
         Ok(dataset)
@@ -401,7 +401,7 @@ mod tests {
         let error = fault(&capture(3, 0.0), &|_| Ok(vec![1, 2]), &options);
         assert!(error.states("JPEG PNG"), "{error}");
         let error = fault(&capture(1, 0.0), &good, &ReadOptions { hold_out: 0, downscale: 1 });
-        assert!(error.states("photographs 2 1 1"), "{error}");
+        assert!(error.states("images 2 1 1"), "{error}");
         let error = fault(&capture(3, 1.5), &good, &options);
         assert!(error.states("overlap"), "{error}");
         let mut one_off = capture(4, 0.0);

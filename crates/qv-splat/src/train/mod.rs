@@ -1,4 +1,4 @@
-//! From photographs with cameras to Gaussians. See `docs/reconstruction.md` for the equations and their sources.
+//! From photographs with cameras to Gaussians. See `docs/guide/reconstruction.md` for the equations and their sources.
 //!
 //! A [`Dataset`] is read from a capture, a [`Model`] begins at points, a [`CpuEngine`] takes steps, [`train`] is the loop. Nothing here opens
 //! a file or looks at a clock.

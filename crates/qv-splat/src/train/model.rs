@@ -70,7 +70,7 @@ impl Model {
     pub fn check(&self, dataset: &Dataset) -> Result<(), SplatError> {
         let count = dataset.training.len();
         if self.exposures.len() != count || self.poses.len() != count {
-            let expected = format!("{count} photographs, as the capture has");
+            let expected = format!("{count} images, as the capture has");
             return Err(off(PLACE, expected, self.exposures.len()));
         }
         Ok(())
@@ -87,7 +87,7 @@ impl Model {
         for (one, pose) in dataset.training.iter().zip(&self.poses) {
             let (there, here) = (one.camera.camera_from_world.inverse().position, pose.inverse().position);
             if here.distance(there) > far {
-                let name = format!("{PLACE}, photograph {}", one.name);
+                let name = format!("{PLACE}, image {}", one.name);
                 return Err(off(name, format!("one taken from {there:.3}, as the capture has"), format!("{here:.3}")));
             }
         }

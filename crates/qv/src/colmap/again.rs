@@ -75,7 +75,7 @@ pub fn poses_again(path: &Path, opened: OpenCapture, folder: &Path) -> Result<Po
 pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<PoseChoice, Failure> {
     let photographs = opened.capture.cameras.iter().filter(|one| one.image.is_some()).count();
     if opened.is_by_colmap || photographs < FEWEST {
-        let why = if opened.is_by_colmap { "COLMAP found them" } else { "there are too few photographs to check them" };
+        let why = if opened.is_by_colmap { "COLMAP found them" } else { "there are too few images to check them" };
         return Ok(PoseChoice::given(opened, why));
     }
     if !is_there() {
@@ -85,7 +85,7 @@ pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<P
         one.image.as_ref().is_some_and(|image| opened.read(image).is_ok_and(|bytes| pictures::is_turned(&bytes)))
     };
     if opened.capture.cameras.iter().any(is_turned) {
-        return Ok(PoseChoice::given(opened, "EXIF tells to turn photographs, which COLMAP takes as they are stored"));
+        return Ok(PoseChoice::given(opened, "EXIF rotates images, and COLMAP ignores it"));
     }
     let placed = match placed_again(path, &opened, folder, true) {
         Ok(placed) => placed,
@@ -160,14 +160,14 @@ fn with_found(
     why: String,
 ) -> Result<PoseChoice, Failure> {
     if placed.placed < FEWEST.min(placed.frames) {
-        let expected = format!("expected places of at least {FEWEST} photographs by COLMAP");
+        let expected = format!("expected places of at least {FEWEST} images by COLMAP");
         return Err(about(path, format!("{expected}, found {} of {}", placed.placed, placed.frames)));
     }
     let found = adopted(&mut opened, open_capture(folder)?, placed).map_err(|e| about(path, e))?;
     let mut lost = vec![];
     if placed.placed < placed.frames {
         let without = placed.frames - placed.placed;
-        lost.push(format!("{}: {without} of {} photographs find no place", path.display(), placed.frames));
+        lost.push(format!("{}: {without} of {} images find no place", path.display(), placed.frames));
     }
     lost.extend(placed.doubt(path));
     Ok(PoseChoice { opened, lost, found, why, explain: [placed.given_explain, placed.found_explain] })

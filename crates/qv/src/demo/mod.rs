@@ -17,24 +17,28 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = "Example:\n  qv demo\n  qv demo --seed 7 --no-open\n\n\
-    Writes run.mcap (18 s of a made-up Go2 that stands, squats and trots), truth.json (what it hides), why (what `qv diagnose`\n\
-    writes of run.mcap) and view.html. It needs no network. The same seed hides the same effect.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv demo\n\
+     \x20 qv demo --seed 7 --no-open\n\
+     \n\
+     Results: run.mcap (18 s of a simulated Go2 that stands, squats and trots), truth.json (the hidden effect), why/ (results of\n\
+     `qv diagnose`), view.html. No network. The same seed hides the same effect."
+);
 
 #[derive(clap::Args)]
 pub struct Demo {
-    /// Directory for the results; made if need be
-    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", default_value = "out/demo", help_heading = "Output")]
     out: PathBuf,
-    /// Which effect is hidden, how large it is and where; also the seed of the noise
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Draw the hidden effect and the noise from this seed
+    #[arg(long, default_value_t = 1, value_name = "N", help_heading = "What to test")]
     seed: u64,
-    /// Opens no page in a browser
-    #[arg(long)]
+    /// Do not open the report in a browser
+    #[arg(long, help_heading = "Output")]
     no_open: bool,
-    /// One line of JSON at the end instead of the text
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 
@@ -44,7 +48,7 @@ impl Demo {
         let hidden = HiddenEffect::drawn(self.seed);
         self.record(&hidden)?;
         let [bag, why, view] = ["run.mcap", "why", "view.html"].map(|name| self.out.join(name));
-        self.notify(&format!("A made-up Go2 walked for {} s. It hides one effect.\n", synthetic::DURATION))?;
+        self.notify(&format!("A simulated Go2 walked for {} s with one hidden effect.\n", synthetic::DURATION))?;
         self.call(&["diagnose".as_ref(), &bag, "--out".as_ref(), &why])?;
         self.call(&["view".as_ref(), &why, "--out".as_ref(), &view])?;
         let report = read(&why.join("report.json"))?;

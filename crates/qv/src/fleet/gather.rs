@@ -11,11 +11,11 @@ use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct Gather {
-    /// Directory of a fleet
-    #[arg(value_name = "F")]
+    /// Directory of the fleet
+    #[arg(value_name = "FLEET")]
     folder: PathBuf,
-    /// One line of JSON instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -15,10 +15,15 @@ pub use child::end_with_parent;
 
 use crate::{Failure, Outcome};
 
-pub const EXAMPLE: &str = "Example:\n  qv fleet plan recordings --out out/fleet -- --terrain yard.glb\n  \
-    qv fleet run out/fleet --jobs 4 --memory 4000 --timeout 1800\n  qv fleet gather out/fleet\n\n\
-    A run that was stopped goes on when it is started again: what is done is not done twice.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 some units failed or ended with 3, 130 stopped.";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv fleet plan recordings --out out/fleet -- --terrain yard.glb\n\
+     \x20 qv fleet run out/fleet --jobs 4 --memory 4000 --timeout 1800\n\
+     \x20 qv fleet gather out/fleet\n\
+     \n\
+     A stopped run resumes when it is started again; finished units are not repeated.",
+    "3 some units failed or lost data"
+);
 
 #[derive(clap::Args)]
 pub struct Fleet {
@@ -28,18 +33,31 @@ pub struct Fleet {
 
 #[derive(clap::Subcommand)]
 enum What {
-    /// Finds recordings below folders, and writes what is to be done with them
+    /// Find recordings and write the plan
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv fleet plan recordings --out out/fleet\n\
+     \x20 qv fleet plan recordings --group --out out/fleet -- --terrain yard.glb"))]
     Plan(plan::Plan),
-    /// Does what the plan says and is not done yet
+    /// Run the units that are not finished
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv fleet run out/fleet --jobs 4 --memory 4000 --timeout 1800\n\
+     \x20 qv fleet run out/fleet --unit 0-9", "3 some units failed or lost data"))]
     Run(run::Run),
-    /// Puts what was found on one page
+    /// Summarize all results on one page
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv fleet gather out/fleet"))]
     Gather(gather::Gather),
-    /// Prints a job array for Slurm
+    /// Print a Slurm job array
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv fleet slurm /shared/fleet --memory 4000 --timeout 1800 > fleet.sbatch"))]
     Slurm(scripts::Slurm),
-    /// Prints a workflow for Snakemake
+    /// Print a Snakemake workflow
+    #[command(after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv fleet snakemake /shared/fleet > Snakefile"))]
     Snakemake(scripts::Snakemake),
-    /// Stands in for a command in tests and benchmarks: looks at no recording and finds nothing
-    #[command(hide = true)]
+    /// Stand in for a command in tests and benchmarks
+    #[command(hide = true, after_long_help = crate::usage::help_text!("Examples:\n\
+     \x20 qv fleet rehearse run.mcap --out out/unit"))]
     Rehearse(rehearse::Rehearse),
 }
 

@@ -21,9 +21,9 @@ const DIGITS: usize = 6;
 /// What makes recordings be of one robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum By {
-    /// The same model: name and, where the recording has it, URDF
+    /// Model name and, where recorded, URDF
     Model,
-    /// The same folder directly below DIR: several robots of one model
+    /// Folder directly below DIR, for several robots of one model
     Folder,
 }
 
@@ -49,29 +49,29 @@ impl What {
 
 #[derive(clap::Args)]
 pub struct Plan {
-    /// Folders below which recordings lie, or recordings
+    /// Recordings, or directories to search for recordings
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Directory of the fleet; made if need be. What is done there and still wanted stays
-    #[arg(long, value_name = "F")]
+    /// Write the plan into this directory; finished units are kept
+    #[arg(long, value_name = "FLEET", help_heading = "Output")]
     out: PathBuf,
-    /// What is done with each unit
-    #[arg(long, value_enum, default_value = "diagnose", value_name = "COMMAND")]
+    /// Run this command on each unit
+    #[arg(long, value_enum, default_value = "diagnose", value_name = "COMMAND", help_heading = "What to test")]
     command: What,
-    /// One unit for all recordings of a robot, instead of one for each recording
-    #[arg(long)]
+    /// Make one unit per robot instead of one per recording
+    #[arg(long, help_heading = "What to test")]
     group: bool,
-    /// What makes recordings be of one robot
-    #[arg(long, value_enum, default_value = "model", value_name = "model|folder")]
+    /// Group recordings into robots by model or by folder
+    #[arg(long, value_enum, default_value = "model", value_name = "model|folder", help_heading = "What to test")]
     robots_by: By,
-    /// Recordings that are opened at once
-    #[arg(long, default_value_t = 2, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    /// Open N recordings at once
+    #[arg(long, default_value_t = 2, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256), help_heading = "Advanced")]
     jobs: u16,
-    /// Options that are passed on to the command, after --
+    /// Options passed to the command, after --
     #[arg(last = true, value_name = "OPTION")]
     options: Vec<String>,
-    /// One line of JSON instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

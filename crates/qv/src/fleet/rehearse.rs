@@ -16,8 +16,8 @@ pub struct Rehearse {
     /// Recordings; only rehearse.json beside the first is read
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
-    /// Directory for report.json
-    #[arg(long, value_name = "DIR")]
+    /// Write report.json into this directory
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
 }
 

@@ -19,26 +19,26 @@ const EVERY: f64 = 10.0;
 
 #[derive(clap::Args)]
 pub struct Run {
-    /// Directory of a fleet, with the plan.json of `qv fleet plan`
-    #[arg(value_name = "F")]
+    /// Directory of the fleet, with plan.json of `qv fleet plan`
+    #[arg(value_name = "FLEET")]
     folder: PathBuf,
-    /// Units that are worked on at once; default: as many as there are processors
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    /// Run N units at once [default: number of processors]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096), help_heading = "Advanced")]
     jobs: Option<u16>,
-    /// Memory that a unit may have, in MiB (watched, Linux only); one above it is killed
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
+    /// Kill a unit that exceeds this memory (Linux)
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Advanced")]
     memory: Option<u64>,
-    /// Seconds that a unit may take; one above it is killed
-    #[arg(long, value_name = "S", value_parser = positive)]
+    /// Kill a unit that runs longer
+    #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Advanced")]
     timeout: Option<f64>,
-    /// How often a unit is started again that was killed; what a command says of its input, it would say again
-    #[arg(long, default_value_t = 0, value_name = "K", value_parser = clap::value_parser!(u32).range(0..=100))]
+    /// Restart a killed unit up to K times
+    #[arg(long, default_value_t = 0, value_name = "K", value_parser = clap::value_parser!(u32).range(0..=100), help_heading = "Advanced")]
     retries: u32,
-    /// Only this unit: its index from 0, two of them as 0-9, or its identity. For tasks of a cluster
-    #[arg(long, value_name = "I")]
+    /// Run one unit: index from 0, range such as 0-9, or identity
+    #[arg(long, value_name = "I", help_heading = "Input")]
     unit: Option<String>,
-    /// One line of JSON instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -10,23 +10,23 @@ use std::path::PathBuf;
 /// What both have.
 #[derive(clap::Args)]
 struct Common {
-    /// Directory of a fleet, which all machines see under this path
-    #[arg(value_name = "F")]
+    /// Directory of the fleet, at the same path on all machines
+    #[arg(value_name = "FLEET")]
     folder: PathBuf,
-    /// The program, as those machines find it
-    #[arg(long, default_value = "qv", value_name = "PATH")]
+    /// Set the path of qv on those machines
+    #[arg(long, default_value = "qv", value_name = "PATH", help_heading = "Input")]
     program: String,
-    /// Memory that a unit may have, in MiB
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
+    /// Limit the memory of a unit
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Advanced")]
     memory: Option<u64>,
-    /// Seconds that a unit may take
-    #[arg(long, value_name = "S", value_parser = positive)]
+    /// Limit the run time of a unit
+    #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Advanced")]
     timeout: Option<f64>,
-    /// How often a unit is started again that was killed
-    #[arg(long, default_value_t = 0, value_name = "K", value_parser = clap::value_parser!(u32).range(0..=100))]
+    /// Restart a killed unit up to K times
+    #[arg(long, default_value_t = 0, value_name = "K", value_parser = clap::value_parser!(u32).range(0..=100), help_heading = "Advanced")]
     retries: u32,
-    /// Processors of a unit
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    /// Request N processors per unit
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), help_heading = "Advanced")]
     cpus: u32,
 }
 
@@ -34,8 +34,8 @@ struct Common {
 pub struct Slurm {
     #[command(flatten)]
     common: Common,
-    /// Units of one task: clusters limit the length of an array
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    /// Run N units per task, for clusters that limit array length
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Advanced")]
     units_per_task: u32,
 }
 

@@ -8,86 +8,104 @@ pub(super) const NEIGHBOURS: usize = 8;
 
 #[derive(clap::Args)]
 pub struct Mesh {
-    /// A scene of Gaussians (.ply, .compressed.ply, .spz, .glb), or a folder with depth images
+    /// Gaussian scene, or folder with depth images
     pub(super) scene: PathBuf,
-    /// For a scene of Gaussians: transforms.json, a folder with a COLMAP model or RGB-D frames, or cameras in a JSON of our own
-    #[arg(long, value_name = "FILE")]
+    /// Read cameras: transforms.json, COLMAP, RGB-D or qv-cameras JSON
+    ///
+    /// Required for a scene of Gaussians.
+    #[arg(long, value_name = "FILE", help_heading = "Input")]
     pub(super) cameras: Option<PathBuf>,
-    /// The mesh to write: .glb, .ply or .stl
-    #[arg(long, value_name = "FILE")]
+    /// Write the mesh: .glb, .ply or .stl
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub(super) out: PathBuf,
-    /// Writes the scene of Gaussians, moved as --markers, --trajectory, --distance and --up move the mesh (.ply, .compressed.ply, .spz, .glb):
-    /// `qv navigate`, `qv view` and `qv diagnose --scene` need both in one frame
-    #[arg(long, value_name = "FILE")]
+    /// Write the Gaussian scene in the frame of the mesh
+    ///
+    /// It moves as --markers, --trajectory, --distance and --up move the mesh (.ply, .compressed.ply, .spz, .glb). `qv navigate`, `qv view` and `qv diagnose --scene` need both in one frame.
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub(super) scene_out: Option<PathBuf>,
-    /// For depth images: the scene of Gaussians that --scene-out moves, in the frame of their cameras
-    #[arg(long, value_name = "SCENE.ply", requires = "scene_out", conflicts_with = "cameras")]
+    /// Move this scene with --scene-out, if the input is depth images
+    #[arg(
+        long,
+        value_name = "SCENE.ply",
+        requires = "scene_out",
+        conflicts_with = "cameras",
+        help_heading = "Advanced",
+        hide_short_help = true
+    )]
     pub(super) scene_in: Option<PathBuf>,
-    /// Side of a voxel, in metres
-    #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = positive)]
+    /// Set the voxel size
+    #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = positive, help_heading = "Scene")]
     pub(super) voxel: f64,
-    /// Distance at which the signed distance is cut off, in voxels
-    #[arg(long, value_name = "VOXELS", default_value_t = 4.0, value_parser = positive)]
+    /// Set the truncation distance of the signed distance field
+    #[arg(long, value_name = "VOXELS", default_value_t = 4.0, value_parser = positive, help_heading = "Advanced", hide_short_help = true)]
     pub(super) truncation: f64,
-    /// Largest depth that counts, in metres
-    #[arg(long, value_name = "METRES", default_value_t = 8.0, value_parser = positive)]
+    /// Ignore depth beyond this distance
+    #[arg(long, value_name = "METRES", default_value_t = 8.0, value_parser = positive, help_heading = "Advanced", hide_short_help = true)]
     pub(super) max_depth: f64,
-    /// Frames of the nearest 8 that must confirm each depth; 0 keeps all. Default 2 for a scene of Gaussians, 0 for measured depth
-    #[arg(long, value_name = "COUNT", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(..=NEIGHBOURS as u64))]
+    /// Require N of the 8 nearest frames to confirm a depth
+    ///
+    /// 0 keeps all depths. Default: 2 for a scene of Gaussians, 0 for measured depth.
+    #[arg(long, value_name = "COUNT", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(..=NEIGHBOURS as u64), help_heading = "Advanced", hide_short_help = true)]
     pub(super) agree: Option<usize>,
-    /// Lays plain regions of a scene of Gaussians on planes that what has texture supports all round them: walls and fronts of one colour,
-    /// and what shines, where photographs alone say nothing of depth
-    #[arg(long, requires = "cameras")]
+    /// Snap textureless regions to planes supported by surrounding texture
+    #[arg(long, requires = "cameras", help_heading = "Scene")]
     pub(super) planes: bool,
-    /// Triangles to come down to; without it all are kept
-    #[arg(long, value_name = "COUNT", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(4..))]
+    /// Simplify to at most this many triangles
+    #[arg(long, value_name = "COUNT", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(4..), help_heading = "Scene")]
     pub(super) triangles: Option<usize>,
-    /// How far --triangles may move the surface, in metres; half a voxel without it
-    #[arg(long, value_name = "METRES", value_parser = positive)]
+    /// Limit the surface error of --triangles [default: half a voxel]
+    #[arg(long, value_name = "METRES", value_parser = positive, help_heading = "Advanced", hide_short_help = true)]
     pub(super) max_error: Option<f64>,
-    /// Keeps every piece of at least this area, in square metres, instead of the largest alone
-    #[arg(long, value_name = "AREA", requires = "open", value_parser = positive)]
+    /// Keep every piece of at least this area, not only the largest
+    #[arg(long, value_name = "SQUARE_METRES", requires = "open", value_parser = positive, help_heading = "Advanced", hide_short_help = true)]
     pub(super) pieces: Option<f64>,
-    /// Longest rim of a hole that is filled, in metres
-    #[arg(long, value_name = "METRES", default_value_t = 3.0, value_parser = not_negative)]
+    /// Fill holes with a rim up to this length
+    #[arg(long, value_name = "METRES", default_value_t = 3.0, value_parser = not_negative, help_heading = "Advanced", hide_short_help = true)]
     pub(super) max_hole: f64,
-    /// Rounds of smoothing, each of about one voxel; 50 at most
-    #[arg(long, value_name = "COUNT", default_value_t = 3, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(..=50))]
+    /// Smooth COUNT times (one voxel each, at most 50)
+    #[arg(long, value_name = "COUNT", default_value_t = 3, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(..=50), help_heading = "Advanced", hide_short_help = true)]
     pub(super) smoothing: usize,
-    /// Leaves the surface open instead of making it a solid
-    #[arg(long)]
+    /// Leave the surface open instead of closing it to a solid
+    #[arg(long, help_heading = "Scene")]
     pub(super) open: bool,
-    /// Most memory for voxels, in GiB
-    #[arg(long, value_name = "GIB", default_value_t = 8.0, value_parser = positive)]
+    /// Limit the memory of the voxels
+    #[arg(long, value_name = "GIB", default_value_t = 8.0, value_parser = positive, help_heading = "Advanced", hide_short_help = true)]
     pub(super) memory: f64,
-    /// Names and friction of labels (TOML)
-    #[arg(long, value_name = "FILE")]
+    /// Read names and friction of labels (TOML)
+    #[arg(long, value_name = "FILE", help_heading = "Input")]
     pub(super) labels: Option<PathBuf>,
-    /// Lines `x y z X Y Z`: points of the scene and where they are, in metres, z up
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["trajectory", "distance"])]
+    /// Align to control points: lines `x y z X Y Z`, metres, z up
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["trajectory", "distance"], help_heading = "Input")]
     pub(super) markers: Option<PathBuf>,
-    /// Lines `image X Y Z`: names of images and where their cameras were, in metres, z up
-    #[arg(long, value_name = "FILE", conflicts_with = "distance")]
+    /// Align to camera positions: lines `image X Y Z`, metres, z up
+    #[arg(long, value_name = "FILE", conflicts_with = "distance", help_heading = "Input", hide_short_help = true)]
     pub(super) trajectory: Option<PathBuf>,
-    /// Two points of the scene and their distance: x,y,z,x,y,z,metres
-    #[arg(long, value_name = "NUMBERS", value_delimiter = ',', allow_hyphen_values = true)]
+    /// Scale by two points and their distance: x,y,z,x,y,z,metres
+    #[arg(
+        long,
+        value_name = "NUMBERS",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        help_heading = "Input",
+        hide_short_help = true
+    )]
     pub(super) distance: Option<Vec<f64>>,
-    /// What is up in the scene: x,y,z; or `ground` for the largest plane that faces the cameras' up
-    #[arg(long, value_name = "DIRECTION", allow_hyphen_values = true)]
+    /// Set the up direction: x,y,z, or `ground` for the largest floor plane
+    #[arg(long, value_name = "DIRECTION", allow_hyphen_values = true, help_heading = "Input")]
     pub(super) up: Option<String>,
-    /// A mesh (.glb or .ply) to compare the surface with, before it is closed: F1 at 2 and 5 cm
-    #[arg(long, value_name = "FILE")]
+    /// Print the F1 score against this mesh at 2 and 5 cm
+    #[arg(long, value_name = "FILE", help_heading = "What to test", hide_short_help = true)]
     pub(super) compare: Option<PathBuf>,
-    /// RGB-D frames that the mesh of --compare was made of: of ours, only what they could have measured is compared
-    #[arg(long, value_name = "FOLDER", requires = "compare")]
+    /// Compare only what these RGB-D frames could have measured
+    #[arg(long, value_name = "DIR", requires = "compare", help_heading = "What to test", hide_short_help = true)]
     pub(super) compare_measured: Option<PathBuf>,
-    /// Lays the surface on the mesh of --compare by closest points first: F1 is of the shape, not of where cameras were said to be
-    #[arg(long, requires = "compare")]
+    /// Align to --compare by ICP first, so that F1 is of the shape alone
+    #[arg(long, requires = "compare", help_heading = "What to test", hide_short_help = true)]
     pub(super) compare_aligned: bool,
-    /// Takes the folder for one of RGB-D frames, whatever it looks like
-    #[arg(long)]
+    /// Read the folder as RGB-D frames
+    #[arg(long, help_heading = "Advanced", hide_short_help = true)]
     pub(super) rgbd: bool,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     pub(super) json: bool,
 }

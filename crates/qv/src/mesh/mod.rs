@@ -38,19 +38,28 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLE: &str = "Example:\n  qv mesh scene.ply --cameras transforms.json --out mesh.glb\n  \
-    qv mesh redkitchen --up ground --triangles 50000 --out kitchen.glb --json\n  \
-    qv mesh yard --labels yard/labels.toml --compare yard/truth.glb --out yard.glb\n  \
-    qv mesh scene.ply --cameras cameras.json --up ground --out mesh.glb --scene-out upright.ply\n  \
-    qv mesh redkitchen --up ground --out kitchen.glb --scene-in scene.ply --scene-out upright.ply\n\n\
-    SCENE is a scene of Gaussians (then --cameras says from where its depth is drawn), a folder of RGB-D frames\n\
-    (frame-*.depth.png in millimetres, frame-*.pose.txt, camera-intrinsics.txt), or a capture whose transforms.json names\n\
-    depth images. Lengths are metres of the result: --markers, --trajectory and --distance come first.\n\n\
-    --labels names what features of Gaussians, or label images, stand for:\n  \
-    [[label]]\n  index = 1        # 1 + the feature's number; the value in label images\n  name = \"grass\"\n  friction = 0.6\n\n\
-    The mesh is a watertight solid unless --open: walls down from its rim and a floor. .glb keeps materials and friction, .ply\n\
-    labels, .stl neither.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv mesh scene.ply --cameras transforms.json --out mesh.glb\n\
+     \x20 qv mesh redkitchen --up ground --triangles 50000 --out kitchen.glb --json\n\
+     \x20 qv mesh yard --labels yard/labels.toml --compare yard/truth.glb --out yard.glb\n\
+     \x20 qv mesh scene.ply --cameras cameras.json --up ground --out mesh.glb --scene-out upright.ply\n\
+     \x20 qv mesh redkitchen --up ground --out kitchen.glb --scene-in scene.ply --scene-out upright.ply\n\
+     \n\
+     SCENE is a Gaussian scene (with --cameras), a folder of RGB-D frames (frame-*.depth.png in millimetres, frame-*.pose.txt,\n\
+     camera-intrinsics.txt), or a capture whose transforms.json lists depth images.\n\
+     Lengths are metres of the result: --markers, --trajectory and --distance are applied first.\n\
+     \n\
+     --labels maps features of Gaussians, or values of label images, to names and friction:\n\
+     \x20 [[label]]\n\
+     \x20 index = 1        # 1 + the feature's number; the value in label images\n\
+     \x20 name = \"grass\"\n\
+     \x20 friction = 0.6\n\
+     \n\
+     The mesh is a watertight solid (walls below its rim, and a floor) unless --open is given.\n\
+     .glb keeps materials and friction, .ply keeps labels, .stl neither.",
+    "3 done, but part of the input was lost (reported)"
+);
 
 /// Frames that must confirm a depth that was drawn.
 const CONFIRMING: usize = 2;

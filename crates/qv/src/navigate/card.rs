@@ -7,13 +7,13 @@ use qv_nav::eye::{Eye, SplatEye};
 /// The graphics card, in a program that was built with the feature `gpu`.
 #[derive(clap::Args)]
 pub struct CardArguments {
-    /// Draws, and learns where something is learnt, on the graphics card
+    /// Render and train on the GPU
     #[cfg(feature = "gpu")]
-    #[arg(long)]
+    #[arg(long, help_heading = "Advanced", hide_short_help = true)]
     gpu: bool,
-    /// Which card, where there are several, from 0
+    /// Select the GPU by index, from 0
     #[cfg(feature = "gpu")]
-    #[arg(long, value_name = "N", requires = "gpu")]
+    #[arg(long, value_name = "N", requires = "gpu", help_heading = "Advanced", hide_short_help = true)]
     gpu_index: Option<usize>,
 }
 

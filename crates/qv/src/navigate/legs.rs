@@ -20,14 +20,30 @@ const ROOM: f64 = 0.3;
 /// Who carries the camera.
 #[derive(clap::Args)]
 pub struct LegsArguments {
-    /// Legs that walk in the simulator by this policy of `qv walk train` or `qv tune`, instead of a follower of velocities without physics
-    #[arg(long, value_name = "POLICY.onnx")]
+    /// Use this locomotion policy as low-level controller [default: none]
+    ///
+    /// The robot then walks in the simulator. Without it an ideal velocity follower moves the base.
+    #[arg(long, value_name = "POLICY.onnx", help_heading = "Input")]
     walk: Option<PathBuf>,
-    /// The robot that walks: go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE", requires = "walk")]
+    /// Set the robot that walks: go2, go1, ... or URDF, MJCF or TOML file
+    #[arg(
+        long,
+        default_value = "go2",
+        value_name = "ROBOT",
+        requires = "walk",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
     robot: String,
-    /// What the simulator lacks: calibrated.toml of a diagnosis, or compensator.json of `qv tune`
-    #[arg(long, value_name = "FILE", requires = "walk", alias = "correction")]
+    /// Read corrections (calibrated.toml or compensator.json)
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "walk",
+        alias = "correction",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
     params: Option<PathBuf>,
 }
 

@@ -28,33 +28,33 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Look {
-    /// weights.bin of `qv navigate train`
+    /// Weights of `qv navigate train` (weights.bin)
     weights: PathBuf,
     #[command(flatten)]
     place: Place,
-    /// The capture that the scene was made of: transforms.json or its folder, a COLMAP project, RGB-D frames
-    #[arg(long, value_name = "CAPTURE")]
+    /// Read the capture of the scene: transforms.json, COLMAP or RGB-D
+    #[arg(long, value_name = "CAPTURE", help_heading = "Input")]
     capture: PathBuf,
-    /// cameras.json of `qv reconstruct`, where that took other poses than the capture's
-    #[arg(long, value_name = "FILE.json")]
+    /// Read refined cameras of `qv reconstruct` (cameras.json)
+    #[arg(long, value_name = "FILE.json", help_heading = "Input")]
     cameras: Option<PathBuf>,
-    /// The line that `qv mesh --scene-out ... --json` printed, if scene and mesh come from there
-    #[arg(long, value_name = "FILE.json")]
+    /// Read the line printed by `qv mesh --scene-out .. --json`
+    #[arg(long, value_name = "FILE.json", help_heading = "Input", hide_short_help = true)]
     moved: Option<PathBuf>,
-    /// Takes every Nth photograph, by name from the first on, as `qv reconstruct` held out; 1 for all
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
+    /// Use every Nth image, as held out by `qv reconstruct`; 1 for all
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..), help_heading = "What to test", hide_short_help = true)]
     hold_out: usize,
-    /// Most cones for each photograph, each in a view of its own
-    #[arg(long, default_value_t = 4, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=100))]
+    /// Insert at most N cones per image
+    #[arg(long, default_value_t = 4, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=100), value_name = "N", help_heading = "What to test", hide_short_help = true)]
     cones: usize,
-    /// Leaves out photographs that were taken from higher than so many metres above the ground
-    #[arg(long, value_name = "M", default_value_t = 3.0, value_parser = positive)]
+    /// Skip images taken higher above the ground
+    #[arg(long, value_name = "METRES", default_value_t = 3.0, value_parser = positive, help_heading = "Advanced", hide_short_help = true)]
     highest: f64,
-    /// The page to write
-    #[arg(long, value_name = "FILE.html")]
+    /// Write the page to this file
+    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 
@@ -96,18 +96,16 @@ impl Look {
             looked.pairs.extend(found);
         }
         if narrow > 0 {
-            remark(&format!(
-                "{narrow} photographs do not fill the view of the robot's camera (--mount) and are left out"
-            ));
+            remark(&format!("{narrow} images do not fill the view of the robot's camera (--mount) and are left out"));
         }
         if high > 0 {
             let most = self.highest;
             remark(&format!(
-                "{high} photographs were taken from where the mesh has no ground below them, or from higher than {most} m, and are left out"
+                "{high} images were taken from where the mesh has no ground below them, or from higher than {most} m, and are left out"
             ));
         }
         if looked.pairs.iter().all(|pair| pair.goal.is_none()) {
-            let found = format!("none in {} of {} photographs", looked.photographs, photographs.len());
+            let found = format!("none in {} of {} images", looked.photographs, photographs.len());
             return Err(about(
                 &self.capture,
                 format!("expected views in which a cone can stand on free ground, found {found}"),
@@ -218,7 +216,7 @@ fn heights(looked: &PictureReport) -> String {
 
 fn summary(result: &Agreement, looked: &PictureReport) -> String {
     let mut text = format!(
-        "{} photographs, {}: {} views with a cone, {} questions without\n",
+        "{} images, {}: {} views with a cone, {} questions without\n",
         looked.photographs,
         heights(looked),
         result.views,
@@ -234,7 +232,7 @@ fn summary(result: &Agreement, looked: &PictureReport) -> String {
             found.imagined
         );
     }
-    text + &format!("McNemar's exact test of what is found, photographed against drawn: p = {:.4}\n", result.p)
+    text + &format!("McNemar's exact test of what is found, captured against drawn: p = {:.4}\n", result.p)
 }
 
 const STYLE: &str = ".pair{width:100%;image-rendering:pixelated;border-radius:6px}";
@@ -255,13 +253,11 @@ fn to_html(result: &Agreement, looked: &PictureReport) -> Result<String, Failure
         ]);
     }
     let answer = match result.p {
-        p if p < 0.05 => {
-            "The policy does not see photographs as it sees the scene: it may do worse on the robot than here."
-        }
-        _ => "No difference between photographs and scene is beyond chance. With few views that is weak evidence.",
+        p if p < 0.05 => "The policy does not see images as it sees the scene: it may do worse on the robot than here.",
+        _ => "No difference between images and scene is beyond chance. With few views that is weak evidence.",
     };
     let note = format!(
-        "<p class=\"soft\">{} photographs, {}. {} views with a cone. The same cone is laid into the photograph and into the drawn scene, \
+        "<p class=\"soft\">{} images, {}. {} views with a cone. The same cone is inserted into the image and into the drawn scene, \
          and the network is asked of each picture alone whether it sees a cone of that colour, in which direction, and how far away. \
          Errors are medians over the cones that are found. Where there is no cone it is asked for each of the three colours. \
          McNemar's exact test of what is found: p = {}.</p>",
@@ -285,21 +281,16 @@ fn to_html(result: &Agreement, looked: &PictureReport) -> Result<String, Failure
         let png = png_in_base64(&rgb, [2 * COLUMNS, ROWS])?;
         cards += &titled_card(
             &title,
-            &format!("<img class=\"pair\" alt=\"photographed and drawn\" src=\"data:image/png;base64,{png}\">"),
+            &format!("<img class=\"pair\" alt=\"captured and drawn\" src=\"data:image/png;base64,{png}\">"),
         );
     }
     let body = format!(
-        "{}<h2>Photographed (left) and drawn (right)</h2><p class=\"soft\">{} of {} views.</p>{}",
+        "{}<h2>Captured (left) and drawn (right)</h2><p class=\"soft\">{} of {} views.</p>{}",
         card(&(format!("<p>{answer}</p>") + &table.to_html() + &note)),
         looked.pairs.len().div_ceil(step),
         looked.pairs.len(),
         grid(300, &cards)
     );
-    Ok(Page {
-        title: "Does the policy see photographs as it sees the scene?",
-        style: STYLE,
-        body: &body,
-        ..Page::default()
-    }
-    .to_html())
+    Ok(Page { title: "Does the policy see images as it sees the scene?", style: STYLE, body: &body, ..Page::default() }
+        .to_html())
 }

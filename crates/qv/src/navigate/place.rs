@@ -26,23 +26,23 @@ pub(super) const HEIGHT: f64 = 0.3;
 /// The place.
 #[derive(clap::Args)]
 pub(super) struct Place {
-    /// A scene of Gaussians (PLY, SPZ, GLB …)
-    #[arg(long, value_name = "FILE")]
+    /// Read the Gaussian scene (PLY, SPZ, GLB, ...)
+    #[arg(long, value_name = "FILE", help_heading = "Input")]
     pub(super) scene: PathBuf,
-    /// The labelled mesh of the same place
-    #[arg(long, value_name = "FILE.glb")]
+    /// Set the terrain: the labelled mesh of the same scene
+    #[arg(long = "terrain", value_name = "FILE.glb", alias = "mesh", help_heading = "Input")]
     pub(super) mesh: PathBuf,
-    /// Height of the floor wherever the mesh shows none, within its bounds, in metres: for captures that show little of their floor
-    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = finite)]
+    /// Assume this floor height where the mesh has no floor
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = finite, help_heading = "Advanced", hide_short_help = true)]
     pub(super) floor: Option<f64>,
-    /// The robot's camera, a file as for `qv diagnose --camera`: focal length, and where it sits; the base is 0.3 m above the ground
-    #[arg(long, value_name = "FILE.toml")]
+    /// Read camera intrinsics and extrinsics (as `diagnose --camera`)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Input", hide_short_help = true)]
     pub(super) mount: Option<PathBuf>,
-    /// Leaves out Gaussians that hang more than so many metres over ground where the robot can get through; inf keeps all
-    #[arg(long, value_name = "M", default_value_t = Air::default().from, value_parser = height)]
+    /// Remove floaters higher than this above free ground; inf keeps all
+    #[arg(long, value_name = "METRES", default_value_t = Air::default().from, value_parser = height, help_heading = "Advanced", hide_short_help = true)]
     pub(super) air: f64,
-    /// Of everything that is drawn
-    #[arg(long, default_value_t = 0)]
+    /// Set the random seed
+    #[arg(long, default_value_t = 0, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     pub(super) seed: u64,
 }
 
@@ -51,25 +51,33 @@ pub(super) struct Place {
 pub(super) struct Task {
     #[command(flatten)]
     pub(super) place: Place,
-    /// How much cameras differ: wide, none, or as report.json of `qv diagnose --scene` says of the robot's own
-    #[arg(long, value_name = "wide|none|report.json", default_value = "wide")]
+    /// Set camera randomization: wide, none, or report.json
+    ///
+    /// A report.json of `qv diagnose --scene` sets the camera of the robot.
+    #[arg(
+        long,
+        value_name = "wide|none|report.json",
+        default_value = "wide",
+        help_heading = "Training",
+        hide_short_help = true
+    )]
     pub(super) camera: String,
-    /// Where cones are at the start, in turn; a place without anything high has no hidden ones
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [Start::View, Start::Turned, Start::Hidden])]
+    /// Place cones in view, out of view (turned) or occluded (hidden)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [Start::View, Start::Turned, Start::Hidden], help_heading = "What to test", hide_short_help = true)]
     pub(super) starts: Vec<Start>,
-    /// Least and greatest length of the way to a cone, in metres
-    #[arg(long, value_name = "M,M", default_value = "2.5,7", value_parser = lengths)]
+    /// Set the path length to a cone: least, greatest
+    #[arg(long, value_name = "METRES,METRES", default_value = "2.5,7", value_parser = lengths, help_heading = "What to test", hide_short_help = true)]
     pub(super) distance: Lengths,
 }
 
 /// Where the cone is at the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Start {
-    /// In the picture
+    /// In view
     View,
-    /// Beside or behind the robot
+    /// Out of view: beside or behind the robot
     Turned,
-    /// Behind something
+    /// Occluded
     Hidden,
 }
 
@@ -211,7 +219,7 @@ impl Place {
         let eye = SplatEye::painted(&cloud, paints, self.seed).as_made(opened.background, opened.antialias);
         if eye.count() > 200_000 {
             remark(&format!(
-                "{}: with so many Gaussians pictures take long, and a graphics card holds them eight times",
+                "{}: with so many Gaussians pictures take long, and a GPU holds them eight times",
                 file.display()
             ));
         }

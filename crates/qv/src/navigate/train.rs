@@ -41,38 +41,42 @@ pub struct Train {
     task: Task,
     #[command(flatten)]
     legs: LegsArguments,
-    /// More scenes of the same place, in the same frame, such as a finer one. Each episode is drawn in one of all scenes, evenly
-    #[arg(long, value_name = "FILE", num_args = 1..)]
+    /// Add scenes of the same place in the same frame
+    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Input", hide_short_help = true)]
     also: Vec<PathBuf>,
-    /// Rounds of driving and learning from the teacher; 0, with --from and without --trials, writes policy.onnx of those weights
-    #[arg(long, default_value_t = TrainSettings::default().rounds, value_parser = count)]
+    /// Run N rounds of imitation learning (DAgger)
+    ///
+    /// 0, with --from and without --ppo-rounds, exports policy.onnx of those weights.
+    #[arg(long, default_value_t = TrainSettings::default().rounds, value_parser = count, value_name = "N", help_heading = "Training")]
     rounds: usize,
-    /// Rounds of learning from its own trials (PPO), after those of the teacher
-    #[arg(long, default_value_t = 0, value_parser = count)]
+    /// Run N rounds of RL fine-tuning (PPO) after imitation
+    #[arg(long = "ppo-rounds", default_value_t = 0, value_parser = count, alias = "trials", value_name = "N", help_heading = "Training")]
     trials: usize,
-    /// Begins with the weights.bin of an earlier training; with --rounds 0 --trials N it learns from trials alone
-    #[arg(long, value_name = "WEIGHTS.bin")]
+    /// Start from the weights of an earlier training
+    #[arg(long, value_name = "WEIGHTS.bin", help_heading = "Training")]
     from: Option<PathBuf>,
-    /// Goes on after the last round of the training in the results that was stopped. The optimiser and what earlier rounds gathered begin anew
-    #[arg(long, conflicts_with = "from")]
+    /// Resume the training in --out after its last round
+    ///
+    /// The optimizer and the replay data start anew.
+    #[arg(long, conflicts_with = "from", help_heading = "Training")]
     resume: bool,
-    /// Decisions that a round gathers
-    #[arg(long, default_value_t = TrainSettings::default().frames)]
+    /// Collect N decisions per round
+    #[arg(long, default_value_t = TrainSettings::default().frames, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     frames: usize,
-    /// Robots that drive at once: a round has at least one episode of each
-    #[arg(long, default_value_t = TrainSettings::default().robots)]
+    /// Simulate N robots at once
+    #[arg(long, default_value_t = TrainSettings::default().robots, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     robots: usize,
-    /// Times that a round learns from what was gathered; from trials it is twice
-    #[arg(long, default_value_t = TrainSettings::default().epochs)]
+    /// Train N epochs per round (twice as many with PPO)
+    #[arg(long, default_value_t = TrainSettings::default().epochs, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     epochs: usize,
-    /// Episodes in a step of the optimiser
-    #[arg(long, default_value_t = TrainSettings::default().batch)]
+    /// Set the batch size in episodes
+    #[arg(long, default_value_t = TrainSettings::default().batch, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     batch: usize,
-    /// Directory for the results; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
     #[command(flatten)]
     card: CardArguments,

@@ -11,97 +11,101 @@ pub(super) enum Background {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum PosesFrom {
-    /// COLMAP's where they explain the matches between photographs clearly better, and COLMAP is there
+    /// COLMAP poses if COLMAP is installed and they fit the images better
     Auto,
-    /// The capture's
+    /// Poses of the capture
     Capture,
-    /// COLMAP's, brought to where the capture's are
+    /// COLMAP poses, aligned to those of the capture
     Colmap,
 }
 
 #[derive(clap::Args)]
 pub struct Reconstruct {
-    /// transforms.json or its folder, a COLMAP project, a folder of RGB-D frames, or a video
+    /// Capture: transforms.json, COLMAP project, RGB-D folder or video
     pub(super) capture: PathBuf,
-    /// Folder for what is written; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     pub(super) out: PathBuf,
-    /// Steps, one photograph each. Of more than 7000 as many as help photographs that are put aside at first (with --max-seconds all)
-    #[arg(long, default_value_t = 7000, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Train for N steps, one image each
+    ///
+    /// Above 7000 training stops early if held-aside images gain no more, unless --max-seconds is set.
+    #[arg(long, default_value_t = 7000, value_parser = clap::value_parser!(u32).range(1..), value_name = "N", help_heading = "Training")]
     pub(super) iterations: u32,
-    /// Most Gaussians
-    #[arg(long, default_value_t = 300_000)]
+    /// Limit the number of Gaussians
+    #[arg(long, default_value_t = 300_000, value_name = "N", help_heading = "Training")]
     pub(super) cap: usize,
-    /// Learns an affine colour transform for each photograph
-    #[arg(long)]
+    /// Fit an affine colour transform per image
+    #[arg(long, help_heading = "Scene")]
     pub(super) exposure: bool,
-    /// Refines the photographs' poses, and where each camera is on what its poses were measured of
-    #[arg(long)]
+    /// Refine camera poses during training
+    #[arg(long, help_heading = "Scene")]
     pub(super) refine_poses: bool,
-    /// Whose poses and lenses
-    #[arg(long, value_enum, value_name = "WHOSE", default_value = "auto")]
+    /// Select camera poses and intrinsics
+    #[arg(long, value_enum, value_name = "WHOSE", default_value = "auto", help_heading = "Input")]
     pub(super) poses: PosesFrom,
-    /// Divides the sides of photographs by this
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    /// Divide image width and height by N
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64), value_name = "N", help_heading = "Input")]
     pub(super) downscale: u32,
-    /// Seed of everything random
-    #[arg(long, default_value_t = 0)]
+    /// Set the random seed
+    #[arg(long, default_value_t = 0, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     pub(super) seed: u32,
-    /// Goes on from the checkpoint in the output folder
-    #[arg(long)]
+    /// Resume from the checkpoint in --out
+    #[arg(long, help_heading = "Training")]
     pub(super) resume: bool,
-    /// Writes pictures beside photographs: one while training runs, at the end all that were held out
-    #[arg(long)]
+    /// Write rendered images beside the originals
+    #[arg(long, help_heading = "Output")]
     pub(super) preview: bool,
-    /// Holds out every Nth photograph, by name from the first on, to score with; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 8)]
+    /// Hold out every Nth image for PSNR and SSIM; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 8, help_heading = "What to test")]
     pub(super) hold_out: usize,
-    /// Stops after so many seconds
-    #[arg(long, value_name = "S", value_parser = crate::numbers::not_negative)]
+    /// Stop training after this time
+    #[arg(long, value_name = "SECONDS", value_parser = crate::numbers::not_negative, help_heading = "Training", hide_short_help = true)]
     pub(super) max_seconds: Option<f64>,
-    /// Weight of flatness: the smallest scale of each Gaussian goes to 0
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    /// Weight the flatness of Gaussians (surfels)
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, help_heading = "Advanced", hide_short_help = true)]
     pub(super) flattening: f32,
-    /// Weight of measured depth [default: 0; where it is measured from the photographs 0.1]
-    #[arg(long, value_name = "WEIGHT")]
+    /// Weight measured depth [default: 0; with stereo 0.1]
+    #[arg(long, value_name = "WEIGHT", help_heading = "Advanced", hide_short_help = true)]
     pub(super) depth_prior: Option<f32>,
-    /// Measures no depth from the photographs (multi-view stereo), and leaves no Gaussians out of steps (dropout)
-    #[arg(long)]
+    /// Disable multi-view stereo depth and dropout
+    #[arg(long, help_heading = "Advanced", hide_short_help = true)]
     pub(super) no_stereo: bool,
-    /// Leaves out of photographs what moves through the capture, such as people; the masks are written as pictures
-    #[arg(long)]
+    /// Mask moving objects, such as people; masks are written as images
+    #[arg(long, help_heading = "Scene")]
     pub(super) transients: bool,
-    /// Weight of the agreement of normals with depth
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    /// Weight the consistency of depth and normals
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, help_heading = "Advanced", hide_short_help = true)]
     pub(super) depth_normal: f32,
-    /// Weight of the agreement of patches between views
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    /// Weight the consistency of patches between views
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, help_heading = "Advanced", hide_short_help = true)]
     pub(super) multi_view: f32,
-    /// Weight of labels from files
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    /// Weight labels read from label images
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, help_heading = "Advanced", hide_short_help = true)]
     pub(super) labels: f32,
-    /// Learns from photographs of half the size for this share of the steps, of a quarter for its square, and so on
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = crate::numbers::share)]
+    /// Train coarse to fine for this share of the steps
+    ///
+    /// Images have half the size for this share of the steps, a quarter for its square, and so on.
+    #[arg(long = "coarse-to-fine", value_name = "SHARE", default_value_t = 0.0, value_parser = crate::numbers::share, alias = "small", help_heading = "Advanced", hide_short_help = true)]
     pub(super) small: f64,
-    /// Makes a scene whose small images are right, too: Gaussians no finer than what photographs sample, drawn with anti-aliasing (Mip-Splatting)
-    #[arg(long)]
+    /// Train and render with anti-aliasing (Mip-Splatting)
+    #[arg(long, help_heading = "Scene", hide_short_help = true)]
     pub(super) antialias: bool,
-    /// What is behind everything: the mean colour of the photographs, or black
-    #[arg(long, value_name = "WHAT", value_enum, default_value_t = Background::Mean, hide_short_help = true)]
+    /// Set the background: mean image colour, or black
+    #[arg(long, value_name = "WHAT", value_enum, default_value_t = Background::Mean, help_heading = "Scene")]
     pub(super) background: Background,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     pub(super) json: bool,
-    /// Works on the graphics card
+    /// Train on the GPU
     #[cfg(feature = "gpu")]
-    #[arg(long)]
+    #[arg(long, help_heading = "Common")]
     pub(super) gpu: bool,
-    /// Which card, by its number in the order of the drivers; the one that wgpu prefers unless reported
+    /// Select the GPU by index [default: that which wgpu prefers]
     #[cfg(feature = "gpu")]
-    #[arg(long, value_name = "N", requires = "gpu", hide_short_help = true)]
+    #[arg(long, value_name = "N", requires = "gpu", help_heading = "Advanced", hide_short_help = true)]
     pub(super) gpu_index: Option<usize>,
-    /// Adds up in a fixed order on the card: slower, the same bits from run to run
+    /// Sum in a fixed order on the GPU: slower, but bit-reproducible
     #[cfg(feature = "gpu")]
-    #[arg(long)]
+    #[arg(long, help_heading = "Advanced", hide_short_help = true)]
     pub(super) ordered: bool,
 }

@@ -43,21 +43,19 @@ impl Reconstruct {
             return Depths { given, measured: None };
         }
         let from = TRAINING[0];
-        bar.begin(2, 4, "depth from photographs", Some(from));
+        bar.begin(2, 4, "depth from images", Some(from));
         if given == count {
             let use_of = if self.depth_prior.is_some() { "" } else { "; --depth-prior WEIGHT learns from it" };
-            remark(&format!(
-                "the capture has the depth of all {count} photographs: none is measured from them{use_of}"
-            ));
+            remark(&format!("the capture has the depth of all {count} images: none is measured from them{use_of}"));
             return Depths { given, measured: None };
         }
         let done = |count: usize, of: usize| {
             let share = count as f64 / of as f64;
-            bar.at(from + share * (self.training_from() - from), &format!("photograph {count} of {of}"));
+            bar.at(from + share * (self.training_from() - from), &format!("image {count} of {of}"));
         };
         let measured = measure(dataset, points, &StereoOptions::default(), &done);
         if let Err(error) = &measured {
-            remark(&format!("no depth is measured from the photographs: {error}"));
+            remark(&format!("no depth is measured from the images: {error}"));
         }
         Depths { given, measured: measured.ok().filter(|measured| measured.share > 0.0) }
     }
@@ -76,5 +74,5 @@ pub(super) fn in_words(stereo: &Value) -> Option<String> {
     let (count, share) = (stereo["photographs"].as_u64()?, stereo["share"].as_f64()?);
     let given = stereo["given"].as_u64().filter(|given| *given > 0);
     let given = given.map_or(String::new(), |given| format!("; {given} have the capture's"));
-    Some(format!("depth from photographs: {:.0} % of the pixels of {count}{given}", 100.0 * share))
+    Some(format!("depth from images: {:.0} % of the pixels of {count}{given}", 100.0 * share))
 }

@@ -54,7 +54,7 @@ pub fn of_masks(masks: &[Mask]) -> Value {
 /// The same in words; nothing where it is null.
 pub fn masks_in_words(transients: &Value) -> Option<String> {
     let (count, share) = (transients["photographs"].as_u64()?, transients["share"].as_f64()?);
-    Some(format!("what moves: {:.1} % of all pixels were left out, in {count} photographs (masks)", 100.0 * share))
+    Some(format!("what moves: {:.1} % of all pixels were left out, in {count} images (masks)", 100.0 * share))
 }
 
 /// The ground and its scores for metrics.json: null where none was found or no held-out photograph shows it.

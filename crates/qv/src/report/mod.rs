@@ -18,13 +18,15 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLE: &str = "Example:\n  qv report --reconstruction out/splats --mesh out/contact/terrain.glb --contact out/contact \\\n    \
-    --replay out/replay --diagnosis out/why --out out/report.html\n\n\
-    qv report --evidence out/why/evidence.json --out again/report.html\n\n\
-    One file without network. What was found comes first: the cause, friction before and after, what a tuned policy gains; then the\n\
-    place: photographs beside what is drawn of the scene, the labelled ground from above with the\n\
-    robot's way. Each part is left out where its folder is not given.\n\
-    With --evidence the page of a diagnosis is made once more from what it measured, and report.json beside it.";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv report --reconstruction out/splats --terrain out/contact/terrain.glb --contact out/contact \\\n\
+     \x20   --replay out/replay --diagnosis out/why --out out/report.html\n\
+     \x20 qv report --evidence out/why/evidence.json --out again/report.html\n\
+     \n\
+     The result is one HTML file that needs no network. A section is omitted if its results are not given.\n\
+     --evidence also writes report.json beside the page."
+);
 
 /// Most photographs on the page.
 const PICTURES: usize = 6;
@@ -32,42 +34,42 @@ const PICTURES: usize = 6;
 #[derive(clap::Args)]
 #[command(arg_required_else_help = true)]
 pub struct Report {
-    /// What `qv reconstruct` wrote
-    #[arg(long, value_name = "DIR")]
+    /// Read the results of `qv reconstruct`
+    #[arg(long, value_name = "DIR", help_heading = "Input")]
     reconstruction: Option<PathBuf>,
-    /// The ground: what `qv mesh` or `qv contact` wrote
-    #[arg(long, value_name = "FILE.glb")]
+    /// Read the terrain mesh of `qv mesh` or `qv contact`
+    #[arg(long = "terrain", value_name = "FILE.glb", alias = "mesh", help_heading = "Input")]
     mesh: Option<PathBuf>,
-    /// What `qv contact` wrote
-    #[arg(long, value_name = "DIR")]
+    /// Read the results of `qv contact`
+    #[arg(long, value_name = "DIR", help_heading = "Input")]
     contact: Option<PathBuf>,
-    /// What `qv replay` wrote
-    #[arg(long, value_name = "DIR")]
+    /// Read the results of `qv replay`
+    #[arg(long, value_name = "DIR", help_heading = "Input")]
     replay: Option<PathBuf>,
-    /// What `qv diagnose` wrote
-    #[arg(long, value_name = "DIR")]
+    /// Read the results of `qv diagnose`
+    #[arg(long, value_name = "DIR", help_heading = "Input")]
     diagnosis: Option<PathBuf>,
-    /// What `qv tune` wrote
-    #[arg(long, value_name = "DIR")]
+    /// Read the results of `qv tune`
+    #[arg(long, value_name = "DIR", help_heading = "Input")]
     tuning: Option<PathBuf>,
-    /// What `qv walk paths` wrote of the policy before and after the tuning, in this order
-    #[arg(long, value_name = "FILE.json")]
+    /// Read path-tracking errors before and after (`qv walk paths`)
+    #[arg(long, value_name = "FILE.json", help_heading = "Input")]
     paths: Option<PathBuf>,
-    /// What `qv navigate` wrote: results.json of its test, and index.html to link to
-    #[arg(long, value_name = "DIR")]
+    /// Read results.json and link to index.html of `qv navigate`
+    #[arg(long, value_name = "DIR", help_heading = "Input")]
     navigation: Option<PathBuf>,
-    /// What `qv view` wrote, to link to
-    #[arg(long, value_name = "FILE.html")]
+    /// Link to the page of `qv view`
+    #[arg(long, value_name = "FILE.html", help_heading = "Input")]
     view: Option<PathBuf>,
-    /// What a diagnosis measured (evidence.json): its report once more, decided by this program, without a simulation
+    /// Rebuild a diagnosis report from evidence.json without simulation
     #[arg(long, value_name = "FILE.json", conflicts_with_all = ["reconstruction", "mesh", "contact", "replay", "diagnosis",
-        "tuning", "paths", "navigation", "view"])]
+        "tuning", "paths", "navigation", "view"], help_heading = "Advanced")]
     evidence: Option<PathBuf>,
-    /// The page to write
-    #[arg(long, value_name = "FILE.html")]
+    /// Write the page to this file
+    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -68,7 +68,7 @@ fn tuned(tuning: &Value, paths: Option<&Value>) -> String {
     };
     row("expected, in a simulator fitted to held-out recordings", &tuning["before"], &tuning["after"]);
     if let Some([before, after]) = paths.and_then(strayed) {
-        row("<b>on the made-up robot itself</b>", before, after);
+        row("<b>on the simulated robot itself</b>", before, after);
     }
     let cards = [card(&simulators.to_html()), card(&strays.to_html())].concat();
     format!("<h2>The policy, trained on in the corrected simulator</h2>{cards}")
@@ -91,7 +91,7 @@ fn summary(parts: &Parts) -> String {
     }
     if let Some([before, after]) = parts.paths.as_ref().and_then(strayed) {
         said.push(format!(
-            "The made-up robot strays {} m from the commanded path with the policy as it was, and {} m with the tuned one.",
+            "Path-tracking error of the simulated robot: {} m before and {} m after fine-tuning.",
             number(&before["position"], 3),
             number(&after["position"], 3)
         ));
@@ -132,7 +132,7 @@ fn place(parts: &Parts) -> String {
     let mut said: Vec<String> = vec![];
     if let Some(scores) = &parts.scores {
         said.push(format!(
-            "The place is {} Gaussians, learned from {} photographs; photographs that were held out are met with {} dB (SSIM {}).",
+            "The scene has {} Gaussians, trained on {} images: held-out PSNR {} dB, SSIM {}.",
             number(&scores["gaussians"], 0),
             number(&scores["photographs"], 0),
             number(&scores["mean"]["psnr"], 1),
@@ -159,8 +159,8 @@ fn photographs(parts: &Parts) -> String {
     };
     let figures: Vec<String> = parts.pictures.iter().map(figure).collect();
     format!(
-        "<h2>The place: photographs that were held out, and what is drawn there</h2>\
-         <p class=\"soft\">Left the photograph, right the scene of Gaussians from the same place.</p>{}",
+        "<h2>Scene: held-out images and renderings</h2>\
+         <p class=\"soft\">Left the image, right the rendered scene.</p>{}",
         grid(420, &figures.concat())
     )
 }
@@ -355,8 +355,8 @@ mod tests {
             "a&lt;net</td><td>12.3 ± 1.0",
             "0.400 ± 0.010",
             "0.500 ± 0.020",
-            "strays 0.500 m",
-            "0.111 m with the tuned",
+            "0.500 m before",
+            "0.111 m after fine-tuning",
         ] {
             assert!(page.contains(part), "{part}");
         }
@@ -365,11 +365,11 @@ mod tests {
             "gap is backlash",
             "Slippery",
             "Better by far",
-            "strays 0.500",
+            "m before and",
             "Look around",
             "What makes",
             "Friction of",
-            "The place: photo",
+            "Scene: held-out",
         ];
         let places: Vec<usize> = order.iter().map(|part| page.find(part).unwrap()).collect();
         assert!(places.is_sorted(), "what was found comes first, then the place: {places:?}");

@@ -19,53 +19,59 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLE: &str = "Example:\n  qv walk train --iterations 1800 --out out/walk\n  \
-    qv walk record out/walk/policy.onnx --out out/log      a made-up robot with hidden effects, in the place of yours\n  \
-    qv tune out/log --policy out/walk/policy.onnx --out out/tuned\n\n\
-    policy.onnx in the results is the policy trained on under what the recordings show of the robot's motors; tune.html says by how\n\
-    much it strays less, and tune.json has all figures. docs/tuning.md describes the rest.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 part of the recordings could not be used.";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv walk train --iterations 1800 --out out/walk\n\
+     \x20 qv walk record out/walk/policy.onnx --out out/log      # a simulated robot with hidden effects; use your own recordings\n\
+     \x20 qv tune out/log --policy out/walk/policy.onnx --out out/tuned\n\
+     \n\
+     Results: policy.onnx (fine-tuned in the corrected simulator), tune.html (path-tracking error before and after), tune.json.\n\
+     Guide: docs/guide/tuning.md.",
+    "3 part of the recordings could not be used"
+);
 
 #[derive(clap::Args)]
 pub struct Tune {
-    /// Recordings of the robot walking under its policy: bags, tables, or folders of these
+    /// Recordings of the robot walking under the policy
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// policy.onnx of `qv walk train`, with policy.toml and checkpoint.bin beside it
-    #[arg(long, value_name = "FILE.onnx")]
+    /// Read the policy of `qv walk train` (with policy.toml, checkpoint.bin)
+    #[arg(long, value_name = "FILE.onnx", help_heading = "Input")]
     policy: PathBuf,
-    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
-    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
+    /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
+    #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     robot: String,
-    /// Where it walked
-    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    /// Set the terrain of the recordings: plane, or a labelled mesh
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", help_heading = "Input")]
     terrain: String,
-    /// Where policies are trained and compared; default: where it walked. A small place has no room for walks of 8 s
-    #[arg(long, value_name = "plane|bumps|levels|FILE.glb")]
+    /// Set the training terrain [default: that of the recordings]
+    ///
+    /// Policies are trained and compared there. A small scene has no room for walks of 8 s.
+    #[arg(long, value_name = "plane|bumps|levels|FILE.glb", help_heading = "Training", hide_short_help = true)]
     train_on: Option<String>,
-    /// What a diagnosis found (calibrated.toml), as a candidate beside those that are fitted here
-    #[arg(long, value_name = "FILE.toml", alias = "calibrated")]
+    /// Add calibrated.toml of `qv diagnose` as a candidate
+    #[arg(long, value_name = "FILE.toml", alias = "calibrated", help_heading = "Input")]
     params: Option<PathBuf>,
-    /// All settings, as `settings.toml` in the results has them
-    #[arg(long, value_name = "FILE.toml")]
+    /// Read all settings (settings.toml of an earlier run)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Advanced", hide_short_help = true)]
     settings: Option<PathBuf>,
-    /// Iterations of each training; each is 24 steps of all robots
-    #[arg(long, value_name = "N")]
+    /// Train each policy for N iterations (24 steps of all robots each)
+    #[arg(long, value_name = "N", help_heading = "Training")]
     iterations: Option<u64>,
-    /// Seed of everything
-    #[arg(long, value_name = "N")]
+    /// Set the random seed
+    #[arg(long, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     seed: Option<u64>,
-    /// Topic of the base pose; default /Odometry, else whichever topic carries poses
-    #[arg(long, value_name = "TOPIC")]
+    /// Read base poses from this topic [default: /Odometry, else any]
+    #[arg(long, value_name = "TOPIC", help_heading = "Input", hide_short_help = true)]
     pose_topic: Option<String>,
-    /// Threads; default: all
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Use N threads [default: all]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024), help_heading = "Advanced", hide_short_help = true)]
     threads: Option<u16>,
-    /// Directory for the results; made if need be. Stages that are done there are not done again
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory; finished stages are kept
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -33,10 +33,10 @@ pub fn page(report: &Report) -> String {
 
 fn headline(report: &Report) -> String {
     match report.chosen {
-        None => "The policy is as it was.".into(),
+        None => "The policy is unchanged.".into(),
         Some(_) => {
             let less = 100.0 * (1.0 - report.after.position / report.before.position);
-            format!("The robot is expected to stray {less:.0} % less.")
+            format!("Expected reduction of the path-tracking error: {less:.0} %.")
         }
     }
 }
@@ -47,7 +47,7 @@ fn candidates(report: &Report) -> String {
         "joints off by [mrad]",
         "gain over the last that stayed [mrad]",
         "stays",
-        "policy trained on with it: distance from the commanded path [m]",
+        "policy fine-tuned with it: path-tracking error [m]",
     ];
     let mut table = Table::new(&heads);
     for (k, candidate) in report.candidates.iter().enumerate() {
@@ -88,10 +88,10 @@ fn policies(report: &Report) -> String {
     };
     row("as it was", &report.before);
     if let Some(control) = &report.control {
-        row("trained on as long in the simulator as it was (control)", control);
+        row("fine-tuned as long in the uncorrected simulator (control)", control);
     }
     if report.chosen.is_some() {
-        row("trained on under what was found", &report.after);
+        row("fine-tuned with what was found", &report.after);
     }
     format!(
         "<h2>What the robot gains</h2><p>Policies walk in a simulator that was fitted to the held-out recordings alone; no training has seen \
@@ -110,7 +110,7 @@ fn paths(pairs: &[PathPair]) -> String {
     let keys = [("floor", "commanded (dashed)"), ("good", "promised by the simulator as it was (dots)")];
     let keys: String = keys
         .into_iter()
-        .chain([("before", "the policy as it was"), ("after", "trained on")])
+        .chain([("before", "the policy as it was"), ("after", "fine-tuned")])
         .map(|(t, n)| key(t, n))
         .collect();
     format!(
@@ -128,7 +128,7 @@ fn figure(name: &str, pair: &PathPair) -> String {
         ("commanded", "commanded", &wanted),
         ("promised", "promised", &pair.promised),
         ("before", "as it was", &pair.before),
-        ("after", "trained on", &pair.after),
+        ("after", "fine-tuned", &pair.after),
     ];
     let ends = |axis: usize| {
         let values = all.iter().flat_map(|(_, _, path)| path.iter().map(move |p| p[axis])).chain([0.0]);
@@ -256,9 +256,15 @@ mod tests {
     fn candidates_policies_paths_and_joints_are_told_and_no_name_breaks_the_page() {
         let nasty = "</style><script>alert(\"1\" & '2')</script>";
         let text = page(&made_up(nasty));
-        for part in
-            ["stray 50 % less", "20.00 ± 1.00", "0.200 ± 0.010", "2 of 64", "(chosen)", "trained on: ends at", "0.0100"]
-        {
+        for part in [
+            "path-tracking error: 50 %",
+            "20.00 ± 1.00",
+            "0.200 ± 0.010",
+            "2 of 64",
+            "(chosen)",
+            "fine-tuned: ends at",
+            "0.0100",
+        ] {
             assert!(text.contains(part), "{part}");
         }
         for never in ["<script", "NaN", "inf", "http:", "https:", "src=", "url("] {

@@ -105,7 +105,7 @@ fn ratio(text: &str) -> Option<f64> {
 
 fn missing(program: &str, error: &std::io::Error) -> Failure {
     format!(
-        "{program}: expected it among the programs, found {error}; install ffmpeg, or give a folder with photographs and \
+        "{program}: expected it among the programs, found {error}; install ffmpeg, or give a folder with images and \
          a COLMAP model or transforms.json"
     )
     .into()

@@ -17,31 +17,34 @@ use serde_json::json;
 use std::fs;
 use std::path::PathBuf;
 
-pub const EXAMPLE: &str = "Example:\n  qv view out/why out/contact out/splats --out out/view.html\n  \
-    qv view out/why --run walk.mcap --out out/view.html\n\n\
-    From each folder it takes what is there: scene.ply (qv reconstruct), terrain.glb (qv mesh, qv contact), contact.json, report.json and\n\
-    calibrated.toml (qv diagnose), replay.json. The recording is the one that those name, unless --run names another.\n\
-    The file uses no network. It needs a browser with WebGL 2.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+pub const EXAMPLE: &str = crate::usage::help_text!(
+    "Examples:\n\
+     \x20 qv view out/why out/contact out/splats --out out/view.html\n\
+     \x20 qv view out/why --run walk.mcap --out out/view.html\n\
+     \n\
+     Used from each directory, if present: scene.ply (qv reconstruct), terrain.glb (qv mesh, qv contact), contact.json, report.json\n\
+     and calibrated.toml (qv diagnose), replay.json. The page needs no network. It needs a browser with WebGL 2.",
+    "3 done, but part of the input was lost (reported)"
+);
 
 #[derive(clap::Args)]
 pub struct View {
-    /// Folders that other commands wrote; of what is in several the first is taken
+    /// Directories written by other commands; the first of a kind is used
     #[arg(required = true, value_name = "OUT")]
     folders: Vec<PathBuf>,
-    /// The recording whose motion is shown; default: the one that the folders name
-    #[arg(long, value_name = "RUN")]
+    /// Show this recording [default: the one named by the results]
+    #[arg(long, value_name = "RUN", help_heading = "Input")]
     run: Option<PathBuf>,
     #[command(flatten)]
     reading: Reading,
-    /// Most Gaussians of the place: those that cover most are kept
-    #[arg(long, default_value_t = 150_000, value_name = "N")]
+    /// Keep the N Gaussians that cover most
+    #[arg(long, default_value_t = 150_000, value_name = "N", help_heading = "Output")]
     gaussians: usize,
-    /// The page to write
-    #[arg(long, value_name = "FILE.html")]
+    /// Write the page to this file
+    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 
 /// Share of a correction by which it may be wrong, where the diagnosis states no interval: the 15 to 20 % that its own checks on
-/// sealed recordings have as 90 % intervals (docs/diagnosis.md).
+/// sealed recordings have as 90 % intervals (docs/theory/diagnosis.md).
 const UNSURE: f64 = 0.2;
 
 /// Adds the parameters of a calibrated.toml to what is drawn: each within the interval that report.json beside it states, else

@@ -62,7 +62,7 @@ const BUMPS: f32 = 0.04;
 const SLOPE: f32 = 0.262;
 const STEP: f32 = 0.10;
 
-/// The ground that `--ground` names.
+/// The ground that `--terrain` names.
 pub fn ground_of(name: &str, seed: u64) -> Result<Ground, Failure> {
     match name {
         "plane" => Ok(Ground::plane()),
@@ -95,7 +95,7 @@ pub fn policy_of(path: &Path) -> Result<(OnnxPolicy, PolicyFile), Failure> {
     let bytes = fs::read(path).map_err(|e| file_error(path, "a policy in ONNX", &e.to_string()))?;
     let policy = policy_child::policy(&bytes).map_err(|e| file_error(path, "a policy in ONNX", &e.to_string()))?;
     let beside = path.with_file_name("policy.toml");
-    let expected = "what `qv walk train` wrote beside policy.onnx (for a policy of somebody else: `qv walk roll`)";
+    let expected = "what `qv walk train` wrote beside policy.onnx (for a policy of another trainer: `qv walk roll`)";
     let text = fs::read_to_string(&beside).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
     let file = PolicyFile::parse(&text).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
     Ok((policy, file))

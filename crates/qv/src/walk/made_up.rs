@@ -11,34 +11,40 @@ use std::path::Path;
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Effects {
-    /// Effects that the simulator's parameters describe: latency, lag, friction, strength; joints that differ for odd seeds
+    /// Effects that parameters describe: latency, lag, friction, strength
     Inside,
-    /// Latency, lag and one effect that no parameter describes: Stribeck, load, heat, elasticity or ripple, by the seed
+    /// Latency, lag and one effect that no parameter describes, by seed
     Outside,
-    /// None
+    /// No effect
     Nothing,
 }
 
 /// Which robot, and where.
 #[derive(clap::Args)]
 pub struct MadeUp {
-    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
-    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
+    /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
+    #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     pub robot: String,
-    /// Where it walks
-    #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
+    /// Set the terrain: plane, bumps, levels, or a labelled mesh
+    #[arg(
+        long = "terrain",
+        default_value = "plane",
+        value_name = "plane|bumps|levels|FILE.glb",
+        alias = "ground",
+        help_heading = "Input"
+    )]
     ground: String,
-    /// Friction of a label of the ground, in the place of the file's
-    #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value)]
+    /// Override the friction of a label [repeatable]
+    #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value, help_heading = "Input", hide_short_help = true)]
     friction: Vec<(String, f64)>,
-    /// Level ground around each place where a walk begins, on a mesh, in metres
-    #[arg(long, default_value_t = ROOM, value_name = "METRES", value_parser = crate::numbers::positive)]
+    /// Require level ground around each start pose on a mesh
+    #[arg(long, default_value_t = ROOM, value_name = "METRES", value_parser = crate::numbers::positive, help_heading = "Advanced", hide_short_help = true)]
     room: f64,
-    /// What is hidden in the robot
-    #[arg(long, default_value = "inside")]
+    /// Hide effects in the simulated robot
+    #[arg(long, default_value = "inside", help_heading = "What to test")]
     effects: Effects,
-    /// Seed of the effects, the commands and the noise
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// Draw effects, commands and noise from this seed
+    #[arg(long, default_value_t = 0, value_name = "N", help_heading = "What to test")]
     pub seed: u64,
 }
 

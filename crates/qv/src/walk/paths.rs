@@ -10,22 +10,22 @@ use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct Paths {
-    /// policy.onnx of `qv walk train` or `qv tune`, with policy.toml and checkpoint.bin beside it; several are compared
+    /// Policies of `qv walk train` or `qv tune` (policy.onnx)
     #[arg(required = true, value_name = "POLICY.onnx")]
     policies: Vec<PathBuf>,
     #[command(flatten)]
     made_up: MadeUp,
-    /// How long each walk lasts in seconds, after the second in which a robot gets going
-    #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    /// Set the length of each walk
+    #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive, help_heading = "What to test", hide_short_help = true)]
     seconds: f64,
-    /// Walks, over six kinds of command in turn
-    #[arg(long, default_value_t = 24, value_name = "N", value_parser = clap::value_parser!(u16).range(6..))]
+    /// Run N walks over six kinds of command
+    #[arg(long, default_value_t = 24, value_name = "N", value_parser = clap::value_parser!(u16).range(6..), help_heading = "What to test")]
     walks: u16,
-    /// File for the figures
-    #[arg(long, value_name = "FILE.json")]
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE.json", help_heading = "Output")]
     out: Option<PathBuf>,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

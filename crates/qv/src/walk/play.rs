@@ -21,28 +21,36 @@ pub const SHOWN: [(f32, [f32; 3]); 5] = [
 
 #[derive(clap::Args)]
 pub struct Play {
-    /// policy.onnx of `qv walk train`, with policy.toml beside it
+    /// Policy of `qv walk train` (policy.onnx, with policy.toml beside it)
     policy: PathBuf,
-    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
-    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
+    /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
+    #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     robot: String,
-    /// Where it walks
-    #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
+    /// Set the terrain: plane, bumps, levels, or a labelled mesh
+    #[arg(
+        long = "terrain",
+        default_value = "plane",
+        value_name = "plane|bumps|levels|FILE.glb",
+        alias = "ground",
+        help_heading = "Input"
+    )]
     ground: String,
-    /// Commands, held equally long one after the other; default: forwards, a curve, sideways, standing
-    #[arg(long, value_name = "VX,VY,WZ", value_parser = command, allow_hyphen_values = true)]
+    /// Command a velocity [m/s, m/s, rad/s; repeatable]
+    ///
+    /// Commands are held equally long. Default: forwards, a curve, sideways, standing.
+    #[arg(long, value_name = "VX,VY,WZ", value_parser = command, allow_hyphen_values = true, help_heading = "What to test")]
     command: Vec<[f32; 3]>,
-    /// How long it walks, in seconds
-    #[arg(long, default_value_t = 12.0, value_name = "SECONDS", value_parser = hour)]
+    /// Set the length of the walk
+    #[arg(long, default_value_t = 12.0, value_name = "SECONDS", value_parser = hour, help_heading = "What to test")]
     seconds: f64,
-    /// Seed of the place
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// Set the random seed
+    #[arg(long, default_value_t = 0, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     seed: u64,
-    /// Directory for replay.mcap, robot.urdf, play.json and walk.html; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

@@ -15,21 +15,21 @@ use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct Record {
-    /// policy.onnx of `qv walk train`, with policy.toml and checkpoint.bin beside it
+    /// Policy of `qv walk train` (policy.onnx, with policy.toml beside it)
     policy: PathBuf,
     #[command(flatten)]
     made_up: MadeUp,
-    /// Minutes of all walks together
-    #[arg(long, default_value_t = 10.0, value_name = "MINUTES", value_parser = crate::numbers::positive)]
+    /// Set the total length of all walks
+    #[arg(long, default_value_t = 10.0, value_name = "MINUTES", value_parser = crate::numbers::positive, help_heading = "What to test")]
     minutes: f64,
-    /// Length of a walk, which begins at another place, in seconds: a robot is taken back now and then
-    #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    /// Set the length of each walk
+    #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = crate::numbers::positive, help_heading = "What to test")]
     walk: f64,
-    /// Directory for the recordings, one folder for each walk; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write one folder per walk into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

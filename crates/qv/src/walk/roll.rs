@@ -2,43 +2,43 @@
 
 use super::inputs::command;
 use crate::ground::terrain_of;
-use crate::open::{file_error, read_model, write_error};
+use crate::open::{file_error, model_named, write_error};
 use crate::output::{make_folder, write_whole};
 use crate::policy_child;
 use crate::{Failure, Outcome, say};
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::roll::{Description, roll};
-use qv_sim::{BaseKind, Batch, Model, ModelOptions, Shape, SimOptions, State};
+use qv_sim::{BaseKind, Batch, Model, Shape, SimOptions, State};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Roll {
-    /// A policy in ONNX, trained by anyone
+    /// Policy in ONNX from any trainer
     policy: PathBuf,
-    /// What it sees and what its actions mean: rate, gains, joints, stand, terms of the observation (docs/walking.md)
-    #[arg(long, value_name = "FILE.toml")]
+    /// Read the policy description (see: qv walk describe)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Input")]
     description: PathBuf,
-    /// go2, or a URDF or MJCF file
-    #[arg(long, default_value = "go2", value_name = "go2|FILE")]
+    /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
+    #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     robot: String,
-    /// plane, or a mesh
-    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    /// Set the terrain: plane, or a labelled mesh
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", help_heading = "Input")]
     terrain: String,
-    /// Commanded velocity: forwards, to the left (m/s), turning (rad/s)
-    #[arg(long, default_value = "0.5,0,0", value_name = "VX,VY,WZ", value_parser = command, allow_hyphen_values = true)]
+    /// Command a velocity [m/s, m/s, rad/s]
+    #[arg(long, default_value = "0.5,0,0", value_name = "VX,VY,WZ", value_parser = command, allow_hyphen_values = true, help_heading = "What to test")]
     command: [f32; 3],
-    /// How long, in seconds
-    #[arg(long, default_value_t = 4.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    /// Set the length of the walk
+    #[arg(long, default_value_t = 4.0, value_name = "SECONDS", value_parser = crate::numbers::positive, help_heading = "What to test")]
     seconds: f64,
-    /// Torque of motors falls with their speed as the URDF's limits say; without it motors are ideal, as in most simulators
-    #[arg(long)]
+    /// Apply the torque-speed limits of the URDF [default: ideal motors]
+    #[arg(long, help_heading = "What to test")]
     speed_limits: bool,
-    /// Directory for roll.json; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: Option<PathBuf>,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 
@@ -96,16 +96,7 @@ impl Roll {
     }
 
     fn model(&self) -> Result<Model, Failure> {
-        let path = Path::new(&self.robot);
-        let urdf = match self.robot.as_str() {
-            "go2" => qv_go2::model::urdf(),
-            _ => {
-                fs::read_to_string(path).map_err(|e| file_error(path, "go2, or a URDF or MJCF file", &e.to_string()))?
-            }
-        };
-        let options = ModelOptions { base: BaseKind::Floating, ..Default::default() };
-        let beside = path.parent().unwrap_or(Path::new(""));
-        Ok(read_model(&urdf, beside, &options).map_err(|e| file_error(path, "a robot", &e.to_string()))?)
+        Ok(model_named(&self.robot, BaseKind::Floating)?)
     }
 }
 

@@ -11,46 +11,54 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct ScoreArguments {
-    /// policy.onnx of `qv walk train`, with policy.toml beside it
+    /// Policy in ONNX
     policy: PathBuf,
-    /// What a policy of somebody else sees and what its actions mean (docs/walking.md): it is judged by its gait
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["vx", "vy", "wz", "substeps", "robust", "robots"])]
+    /// Read the description of a policy from another trainer
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["vx", "vy", "wz", "substeps", "robust", "robots"], help_heading = "Input")]
     description: Option<PathBuf>,
-    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
-    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
+    /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
+    #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     robot: String,
-    /// Where it walks
-    #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
+    /// Set the terrain: plane, bumps, levels, or a labelled mesh
+    #[arg(
+        long = "terrain",
+        default_value = "plane",
+        value_name = "plane|bumps|levels|FILE.glb",
+        alias = "ground",
+        help_heading = "Input"
+    )]
     ground: String,
-    /// Robots, each with its own command
-    #[arg(long, default_value_t = 64, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    /// Score N robots, one command each
+    #[arg(long, default_value_t = 64, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20), help_heading = "What to test", hide_short_help = true)]
     robots: u32,
-    /// How long each walks, in seconds
-    #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    /// Set the length of each walk
+    #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive, help_heading = "What to test")]
     seconds: f64,
-    /// Commands forwards, in m/s; default: those of the training
-    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    /// Set the range of forward velocity commands [m/s]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "What to test")]
     vx: Option<[f32; 2]>,
-    /// Commands to the left, in m/s
-    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    /// Set the range of lateral velocity commands [m/s]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "What to test")]
     vy: Option<[f32; 2]>,
-    /// Commands to turn, in rad/s
-    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    /// Set the range of yaw rate commands [rad/s]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "What to test")]
     wz: Option<[f32; 2]>,
-    /// Physics steps of a decision, and Newton iterations: finer than in training, to see that it does not matter
-    #[arg(long, value_name = "N")]
+    /// Set the physics steps per decision
+    ///
+    /// Finer steps than in training show that the step size does not matter.
+    #[arg(long, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     substeps: Option<usize>,
-    /// Robots differ as in a training with --robust (friction, mass, gains, latency, encoders), and are pushed
-    #[arg(long)]
+    /// Randomize the robots as `qv walk train --robust`, and push them
+    #[arg(long, help_heading = "What to test")]
     robust: bool,
-    /// What a diagnosis, a calibration of contact or a tuning found of the robot (calibrated.toml): it is scored on that robot
-    #[arg(long, value_name = "FILE.toml")]
+    /// Score on the corrected robot (calibrated.toml)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Input")]
     params: Option<PathBuf>,
-    /// Seed of the commands
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// Set the random seed
+    #[arg(long, default_value_t = 0, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     seed: u64,
-    /// JSON instead of a sentence
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 

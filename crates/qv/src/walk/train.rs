@@ -28,62 +28,74 @@ const SAVE_EVERY: Duration = Duration::from_secs(30);
 
 #[derive(clap::Args)]
 pub struct Train {
-    /// A robot of the list, a URDF or MJCF, or a TOML file that describes a robot beside one
-    #[arg(long, default_value = "go2", value_name = "go2|go1|a1|a2|anymal_c|FILE")]
+    /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
+    #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     robot: String,
-    /// plane; bumps of 4 cm; levels (slopes up to 15 degrees, stairs up to 10 cm, bumps); or a mesh that `qv mesh` made
-    #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
+    /// Set the terrain: plane, bumps, levels, or a labelled mesh
+    ///
+    /// bumps: up to 4 cm. levels: slopes up to 15 degrees, stairs up to 10 cm, bumps.
+    #[arg(
+        long = "terrain",
+        default_value = "plane",
+        value_name = "plane|bumps|levels|FILE.glb",
+        alias = "ground",
+        help_heading = "Input"
+    )]
     ground: String,
-    /// Iterations; each is 24 steps of all robots. Default: 900 on the plane, 1200 on bumps and meshes or with --robust, 3000 on levels
-    #[arg(long, value_name = "N")]
+    /// Train for N iterations [default: 900 to 3000, by terrain]
+    ///
+    /// An iteration is 24 steps of all robots. Default: 900 on the plane, 1200 on bumps and meshes or with --robust, 3000 on levels.
+    #[arg(long, value_name = "N", help_heading = "Training")]
     iterations: Option<u64>,
-    /// Stop after so many seconds, if that comes first
-    #[arg(long, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    /// Stop training after this time
+    #[arg(long, value_name = "SECONDS", value_parser = crate::numbers::positive, help_heading = "Training", hide_short_help = true)]
     max_seconds: Option<f64>,
-    /// Stop as soon as a score has errors below these, and nobody falls: m/s, rad/s
-    #[arg(long, value_name = "V,W", value_parser = goal)]
+    /// Stop when errors fall below these and no robot falls [m/s, rad/s]
+    #[arg(long, value_name = "V,W", value_parser = goal, help_heading = "Training", hide_short_help = true)]
     until: Option<[f32; 2]>,
-    /// Robots that learn at once
-    #[arg(long, value_name = "N")]
+    /// Simulate N robots at once
+    #[arg(long, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     robots: Option<usize>,
-    /// Seed of everything
-    #[arg(long, value_name = "N")]
+    /// Set the random seed
+    #[arg(long, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     seed: Option<u64>,
-    /// Friction, mass, gains, latency and encoders differ from robot to robot, and robots are pushed
-    #[arg(long)]
+    /// Randomize friction, mass, gains, latency and encoders; add pushes
+    #[arg(long, help_heading = "Training")]
     robust: bool,
-    /// What a diagnosis, a calibration of contact or a tuning found (calibrated.toml): robots are drawn around it
-    #[arg(long, value_name = "FILE.toml", alias = "around")]
+    /// Randomize around corrections (calibrated.toml)
+    #[arg(long, value_name = "FILE.toml", alias = "around", help_heading = "Input")]
     params: Option<PathBuf>,
-    /// Least and greatest command forwards, in m/s
-    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    /// Set the range of forward velocity commands [m/s]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "Training")]
     vx: Option<[f32; 2]>,
-    /// Least and greatest command to the left, in m/s
-    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    /// Set the range of lateral velocity commands [m/s]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "Training")]
     vy: Option<[f32; 2]>,
-    /// Least and greatest command to turn, in rad/s
-    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    /// Set the range of yaw rate commands [rad/s]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "Training")]
     wz: Option<[f32; 2]>,
-    /// All settings (task, rewards, learner) as `settings.toml` in the results has them
-    #[arg(long, value_name = "FILE.toml")]
+    /// Read all settings (settings.toml of an earlier run)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Advanced", hide_short_help = true)]
     settings: Option<PathBuf>,
-    /// Goes on from where the training in the results stands: with the bits of one that was never stopped, if it stands at the end of an epoch
-    #[arg(long, conflicts_with_all = ["settings", "seed", "robots", "start_from", "robust", "params", "vx", "vy", "wz"])]
+    /// Resume the training in --out
+    ///
+    /// Gives the bits of an uninterrupted training if it stopped at the end of an epoch.
+    #[arg(long, conflicts_with_all = ["settings", "seed", "robots", "start_from", "robust", "params", "vx", "vy", "wz"], help_heading = "Training", hide_short_help = true)]
     resume: bool,
-    /// Begins with the networks of another training's checkpoint.bin
-    #[arg(long, value_name = "FILE")]
+    /// Start from the networks of a checkpoint.bin
+    #[arg(long, value_name = "FILE", help_heading = "Training", hide_short_help = true)]
     start_from: Option<PathBuf>,
-    /// Replaces a policy in the results that scores better
-    #[arg(long)]
+    /// Replace the policy in --out even if it scores better
+    #[arg(long, help_heading = "Output", hide_short_help = true)]
     replace: bool,
-    /// Threads; default: all
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Use N threads [default: all]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024), help_heading = "Advanced", hide_short_help = true)]
     threads: Option<u16>,
-    /// Directory for the results; made if need be
-    #[arg(long, value_name = "DIR")]
+    /// Write the results into this directory [created if missing]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
+    /// Print one line of JSON instead of text
+    #[arg(long, help_heading = "Common")]
     json: bool,
 }
 
@@ -379,7 +391,7 @@ impl Train {
             say(&format!("{}\n", super::score::sentence(new)))?;
         }
         print_message!(
-            "the policy in '{}' scores better and stays; --resume --replace with more iterations goes on from this one, whose state is kept",
+            "the policy in '{}' scores better and stays; --resume --replace with more iterations resumes from this one, whose state is kept",
             self.out.display()
         );
         Ok(Outcome::Done)

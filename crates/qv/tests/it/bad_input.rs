@@ -249,7 +249,7 @@ fn empty_and_foreign_files() {
     let (code, _, _) = qv(&["inspect"]);
     assert_eq!(code, 2);
     let (code, out, _) = qv(&["inspect", "--help"]);
-    assert!(code == 0 && out.contains("Example:"), "{out}");
+    assert!(code == 0 && out.contains("Examples:"), "{out}");
 }
 
 #[test]

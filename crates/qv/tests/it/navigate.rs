@@ -72,7 +72,15 @@ pub fn place(folder: &Path, moved: &Pose, scale: f64) {
 
 fn look(folder: &Path, options: &[&str]) -> (i32, Value, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
-    command.current_dir(folder).args(["navigate", "look", "weights.bin", "--scene", "scene.ply", "--mesh", "mesh.glb"]);
+    command.current_dir(folder).args([
+        "navigate",
+        "look",
+        "weights.bin",
+        "--scene",
+        "scene.ply",
+        "--terrain",
+        "mesh.glb",
+    ]);
     command.args(["--capture", "cameras.json", "--hold-out", "1", "--out", "look.html", "--json"]).args(options);
     let output = command.output().unwrap();
     let line = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
@@ -132,7 +140,7 @@ fn qv(folder: &Path, arguments: &str) -> (i32, Value, String) {
 }
 
 /// A place with a cone in view.
-const VIEW: &str = "--scene scene.ply --mesh mesh.glb --starts view,turned --distance 1.2,2.5";
+const VIEW: &str = "--scene scene.ply --terrain mesh.glb --starts view,turned --distance 1.2,2.5";
 
 #[test]
 fn a_student_learns_from_the_teacher_then_from_trials_on_legs_that_walk() {
@@ -146,7 +154,7 @@ fn a_student_learns_from_the_teacher_then_from_trials_on_legs_that_walk() {
     )
     .unwrap();
     let train = format!(
-        "navigate train {VIEW} --rounds 1 --trials 2 --frames 30 --robots 3 --out nav --json --walk walk/policy.onnx"
+        "navigate train {VIEW} --rounds 1 --ppo-rounds 2 --frames 30 --robots 3 --out nav --json --walk walk/policy.onnx"
     );
     let (code, line, err) = qv(&folder, &format!("{train} --params calibrated.toml"));
     assert!(code == 0 && err.states("encoder_latency"), "{err}");
@@ -232,7 +240,7 @@ fn what_a_training_cannot_use_is_named() {
         assert_eq!(code, 1, "{err}");
         err
     };
-    let err = train("--rounds 0 --trials 3");
+    let err = train("--rounds 0 --ppo-rounds 3");
     assert!(err.states("--from WEIGHTS.bin"), "{err}");
     fs::create_dir(folder.join("nav")).unwrap();
     fs::copy(folder.join("weights.bin"), folder.join("nav/policy.onnx")).unwrap();
@@ -300,7 +308,7 @@ fn a_training_that_is_stopped_says_how_to_go_on() {
     let folder = directory("navigate_stopped");
     place(&folder, &Pose::IDENTITY, 1.0);
     let small = format!("navigate train {VIEW} --robots 2 --epochs 1 --batch 2");
-    let long = format!("{small} --out nav --frames 20 --rounds 100000 --trials=7");
+    let long = format!("{small} --out nav --frames 20 --rounds 100000 --ppo-rounds=7");
     // It is written after the weights of a round.
     let (code, err) = stopped(&folder, &long, "-INT", |folder| folder.join("nav/unfinished.json").exists());
     assert_eq!(code, Some(130), "{err}");

@@ -134,7 +134,7 @@ fn bad_captures_are_named() {
     let err = fault(&["--hold-out", "2", "--cap", "30"]);
     assert!(err.states("cap 30 40"), "{err}");
     let err = fault(&["--hold-out", "1"]);
-    assert!(err.states("photographs 2"), "{err}");
+    assert!(err.states("images 2"), "{err}");
     let err = fault(&["--depth-prior=-1"]);
     assert!(err.states("weight"), "{err}");
     let err = fault(&["--depth-prior", "1", "--no-stereo"]);
@@ -156,7 +156,7 @@ fn bad_captures_are_named() {
     fs::remove_file(folder.join("images/02.png")).unwrap();
     fs::remove_file(folder.join("images/03.png")).unwrap();
     let err = fault(&["--hold-out", "0"]);
-    assert!(err.contains("3 lost; the first: ") && err.states("photographs 2"), "{err}");
+    assert!(err.contains("3 lost; the first: ") && err.states("images 2"), "{err}");
     let (code, ..) = reconstruct(&folder, &["--downscale", "0"]);
     assert_eq!(code, 2);
     fs::remove_file(folder.join("transforms.json")).unwrap();
@@ -190,14 +190,14 @@ fn depth_is_measured_from_the_photographs_where_they_have_none() {
     // Gaussians begin there, beside the 40 points.
     assert!(line["gaussians"].as_u64().unwrap() > 100, "{}", line["gaussians"]);
     let stages: Vec<&str> = err.lines().filter(|line| line.contains(" of 4: ")).collect();
-    assert!(stages.len() == 4 && stages[1].states("photographs 2 4"), "{err}");
+    assert!(stages.len() == 4 && stages[1].states("images 2 4"), "{err}");
     let (code, line, err) = reconstruct(&folder, &["--iterations", "3", "--no-stereo"]);
     assert_eq!((code, &line["stereo"]["photographs"], &line["gaussians"]), (0, &Value::Null, &json!(40)), "{err}");
     // Two photographs to learn from are too few for depth, not for a scene.
     let two = capture("reconstruct_two", 3);
     let (code, line, err) = reconstruct(&two, &["--iterations", "3", "--hold-out", "3"]);
     assert_eq!((code, &line["stereo"]["photographs"]), (0, &Value::Null), "{err}");
-    assert!(err.states("no depth photographs 3 2"), "{err}");
+    assert!(err.states("no depth images 3 2"), "{err}");
 }
 
 #[test]
@@ -212,7 +212,7 @@ fn depth_of_the_capture_is_told_and_not_measured_again() {
     fs::write(folder.join("transforms.json"), transforms.to_string()).unwrap();
     let (code, line, err) = reconstruct(&folder, &["--iterations", "3", "--hold-out", "0"]);
     assert_eq!((code, &line["stereo"]), (0, &json!({"given": 4})), "{err}");
-    assert!(err.states("depth of all 4 photographs --depth-prior"), "{err}");
+    assert!(err.states("depth of all 4 images --depth-prior"), "{err}");
 }
 
 #[test]

@@ -112,7 +112,7 @@ fn each_origin_has_figures_of_its_own() {
     assert_eq!((of("mujoco walk", "top_1"), of("mujoco walk", "pair_accused")), (None, Some(1.0)));
     let table = table::markdown(&figures);
     assert!(table.contains("| figure | mujoco walk | rapier |"), "{table}");
-    assert!(table.contains("| two at once: both accused | 1.000 of 1 | - |"), "{table}");
+    assert!(table.contains("| two at once: both identified | 1.000 of 1 | - |"), "{table}");
 }
 
 #[test]
@@ -149,7 +149,7 @@ fn a_perfect_diagnosis_meets_the_goals() {
     let missed: Vec<&str> = figures.figures.iter().filter(|f| f.met() == Some(false)).map(|f| f.name).collect();
     // One interface is wrong by construction, and intervals that always hold are too wide.
     assert_eq!(missed, ["interface", "inside_90"]);
-    assert_eq!(figures.confusion["(withheld) tether"]["unknown"], 1);
+    assert_eq!(figures.confusion["(out-of-library) tether"]["unknown"], 1);
     assert_eq!(figures.confusion["(no effect)"]["no_gap"], 1);
 }
 
@@ -274,7 +274,7 @@ fn baselines_stand_beside() {
     assert_eq!((row("least_squares").named, row("least_squares").none_accused), (Some(0.5), Some(1.0)));
     assert_eq!((row("mujoco_sysid").named, row("mujoco_sysid").closed), (None, Some(0.95)));
     let tables = table::markdown(&figures);
-    for part in ["| least squares | 0.500 | 0.700 | 1.000 | - |", "| (withheld) tether | unknown 1 |", "**no**"] {
+    for part in ["| least squares | 0.500 | 0.700 | 1.000 | - |", "| (out-of-library) tether | unknown 1 |", "**no**"] {
         assert!(tables.contains(part), "{part} is not in\n{tables}");
     }
 }
@@ -312,7 +312,7 @@ fn the_golden_names_what_is_there_and_tells_what_moved() {
     for figure in said {
         let expected = match figure.stage.as_str() {
             "no effect" => "no_gap",
-            withheld if withheld.starts_with("withheld") => "unknown",
+            other if other.starts_with("out-of-library") => "unknown",
             effect => effect,
         };
         assert_eq!(figure.value, json!(expected));

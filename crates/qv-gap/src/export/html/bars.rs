@@ -11,11 +11,11 @@ const RANKS: [usize; 2] = [4, 8];
 /// Before, after and floor as bars; what share of the difference is closed.
 pub(super) fn gap(report: &Report) -> String {
     let (gap, verdict, has_causes) = (&report.gap, report.verdict, !report.causes.is_empty());
-    let seen = if gap.heldout { "in windows that no fit has seen" } else { "in windows that the fits have seen" };
+    let seen = if gap.heldout { "on held-out windows" } else { "on the windows of the fit" };
     let largest = [gap.before, gap.after, gap.floor].into_iter().filter(|x| x.is_finite()).fold(1e-300, f64::max);
     let mut bars = Bars::new();
     for (name, value, color) in
-        [("before", gap.before, "before"), ("after", gap.after, "after"), ("floor", gap.floor, "floor")]
+        [("before", gap.before, "before"), ("after", gap.after, "after"), ("noise floor", gap.floor, "floor")]
     {
         if name == "after" && !has_causes {
             continue;
@@ -24,9 +24,10 @@ pub(super) fn gap(report: &Report) -> String {
     }
     let mut bars = bars.to_html();
     let unit = if gap.unit.is_empty() { String::new() } else { format!("{}, ", escape(&gap.unit)) };
-    let _ = write!(bars, "<p class=\"soft small\">{unit}{seen}; the floor is what noise and numerics give</p>");
+    let _ =
+        write!(bars, "<p class=\"soft small\">{unit}{seen}; the noise floor is what noise and numerics alone give</p>");
     format!(
-        "<h2>How far it closes</h2><div class=\"grid even\" style=\"--min:360px\"><div class=\"card\"><h3>Gap</h3>{bars}</div>{}</div>",
+        "<h2>Error before and after</h2><div class=\"grid even\" style=\"--min:360px\"><div class=\"card\"><h3>Normalized error</h3>{bars}</div>{}</div>",
         closed(gap, verdict, has_causes, report.policy.mostly)
     )
 }
@@ -35,16 +36,16 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool, mostly: f64) -> String 
     let [before, after] = gap.joint_rms.map(|x| fixed(1e3 * x, 1));
     if verdict == Verdict::NoGap || !has_causes {
         let why = if verdict == Verdict::NoGap {
-            "There is no gap to close."
+            "There is no gap."
         } else {
-            "Nothing is accused, so nothing is closed."
+            "No effect is identified, so nothing is removed."
         };
         let off = if gap.joint_rms[0].is_finite() {
-            format!("<p>Joint positions are <b>{before} mrad</b> off (rms).</p>")
+            format!("<p>Joint position error: <b>{before} mrad</b> RMS.</p>")
         } else {
             String::new()
         };
-        return format!("<div class=\"card\"><h3>Closed</h3><p>{why}</p>{off}</div>");
+        return format!("<div class=\"card\"><h3>Removed</h3><p>{why}</p>{off}</div>");
     }
     let [low, high] = gap.closed_ci95;
     let interval = if low.is_finite() && high.is_finite() {
@@ -62,10 +63,10 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool, mostly: f64) -> String 
         String::new()
     };
     format!(
-        "<div class=\"card\"><h3>Closed, of what is above the floor</h3>\
+        "<div class=\"card\"><h3>Removed, of the error above the noise floor</h3>\
          <div class=\"bars\" style=\"grid-template-columns:auto 1fr\"><span class=\"big\">{}</span>{}</div>\
          <p class=\"soft small\">{interval}{in_fit}</p>\
-         <p class=\"soft small\">This share decides: the gap counts as explained from {} on.</p>\
+         <p class=\"soft small\">The gap counts as explained from {} on.</p>\
          {positions}{}</div>",
         percent(gap.closed),
         track_with_interval(gap.closed, gap.closed_ci95, "after"),
@@ -105,13 +106,13 @@ fn falls(gap: &Gap) -> String {
         mrad(gap.joint_rms)
     );
     if (score - joints).abs() > CONTRADICTS {
-        text += "<p>The two differ: the first counts every channel by its own noise, the second counts radians of joints alone.</p>";
+        text += "<p>The two differ because the first weights every channel by its noise, and the second counts joint positions only.</p>";
     }
     let Some(of) = gap.joint_rms_apart else { return text };
     let _ = write!(
         text,
-        "<p>In {} of {} windows the paths of simulator and robot part, as where one of them slips or hits a stop: there joints go from {}. \
-         In the other {} they go from {}.</p>",
+        "<p>In {} of {} windows simulation and recording diverge, as after a slip or at a joint stop: there the joint error changes from {}. \
+         In the other {} it changes from {}.</p>",
         of.apart,
         of.apart + of.agree,
         mrad(of.rms_apart),
@@ -169,13 +170,13 @@ pub(super) fn ranking(ranking: &[RankedEffect], causes: &[Cause]) -> String {
         bars.row(&name, &bar, &percent(r.probability));
     }
     let mut text = format!(
-        "<h3>All that was considered, by probability</h3><p>Each for itself: several can be there at once.</p>{}",
+        "<h3>Candidates by probability</h3><p>Each candidate alone; several effects can be present together.</p>{}",
         bars.to_html()
     );
     if ranking.len() > shown {
         let rest: f64 = ranking[shown..].iter().map(|r| r.probability).filter(|p| p.is_finite()).sum();
         let _ =
-            write!(text, "<p class=\"soft small\">{} more with {} together</p>", ranking.len() - shown, percent(rest));
+            write!(text, "<p class=\"soft small\">{} more with {} in sum</p>", ranking.len() - shown, percent(rest));
     }
     card(&text)
 }

@@ -12,14 +12,11 @@ const NAMES: usize = 8;
 
 /// The section.
 pub(super) fn causes(report: &Report, library: &[Effect]) -> String {
-    let mut text = String::from("<h2>What causes it</h2>");
+    let mut text = String::from("<h2>Causes</h2>");
     if report.causes.is_empty() {
         let why = match report.verdict {
-            Verdict::NoGap => "Nothing is accused: there is no gap to explain.",
-            _ => {
-                "Nothing is accused: no effect that the diagnosis knows explains this gap. The runners-up are named so that \
-                  you know where it looked."
-            }
+            Verdict::NoGap => "No effect is identified: there is no gap.",
+            _ => "No effect is identified: none of the library explains this gap. The nearest candidates follow.",
         };
         let _ = write!(text, "<p>{why}</p>");
     }
@@ -54,18 +51,18 @@ fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String
         row("size", format!("{} <span class=\"soft small\">95 % interval</span>", sizes.join("<br>")));
     }
     if !c.scope.is_empty() {
-        row("where", scope(c, library));
+        row("scope", scope(c, library));
     }
-    let of_what = if c.scope == ["region"] { "what pieces of 0.1 s have more there" } else { "the gap" };
+    let of_what = if c.scope == ["region"] { "the error of windows of 0.1 s in that region" } else { "the gap" };
     if c.closed_alone.is_finite() {
-        row("closes alone", format!("{} of {of_what}", percent(c.closed_alone)));
+        row("removes alone", format!("{} of {of_what}", percent(c.closed_alone)));
     }
     if !c.confusable_with.is_empty() {
         let names: Vec<String> = c.confusable_with.iter().map(|n| escape(&words(n))).collect();
         row("looks like", names.join(", "));
     }
     if !c.separating_experiment.is_empty() {
-        row("to tell them apart", escape(&c.separating_experiment));
+        row("to separate them", escape(&c.separating_experiment));
     }
     text + "</dl></article>"
 }

@@ -20,8 +20,7 @@ pub(super) fn floor_plan(points: &[FloorPoint], regions: &[RegionShare]) -> Stri
     }
     let values = || known.iter().flat_map(|p| [p.before, p.after]).filter(|x| *x > 0.0);
     let most = range(values()).map_or(2.0, |r| r[1].max(2.0));
-    let mut text =
-        String::from("<h3>Where on the floor: the robot's way, coloured by the gap</h3><div class=\"grid wide\">");
+    let mut text = String::from("<h3>Error along the path of the robot</h3><div class=\"grid wide\">");
     let before = |p: &FloorPoint| p.before;
     let after = |p: &FloorPoint| p.after;
     text += &plan("before", &known, before, &regions, most);
@@ -29,7 +28,7 @@ pub(super) fn floor_plan(points: &[FloorPoint], regions: &[RegionShare]) -> Stri
         text += &plan("after", &known, after, &regions, most);
     }
     let labels = [1.0, most.sqrt(), most].map(|x| significant(x, 2));
-    text + "</div>" + &legend("1 = a robot without an effect", labels)
+    text + "</div>" + &legend("1 = robot without a fault", labels)
 }
 
 /// Both axes and the height of the picture.

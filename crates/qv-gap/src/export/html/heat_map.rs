@@ -206,7 +206,7 @@ pub(super) fn times(times: &[TimeShare]) -> String {
         let _ = write!(svg, "<text x=\"{:.1}\" y=\"96\" text-anchor=\"middle\">{label}</text>", xs.at(t));
     }
     format!(
-        "<div class=\"card\"><h3>When: share of the gap by window [%]</h3><div class=\"scroll\">{svg}\
+        "<div class=\"card\"><h3>Share of the error by window [%]</h3><div class=\"scroll\">{svg}\
          <text x=\"996\" y=\"110\" text-anchor=\"end\">{label}</text></svg></div></div>"
     )
 }

@@ -13,7 +13,7 @@ pub(super) fn sizes(all: &[CanTell], found: &str) -> String {
     }
     let mut seen: Vec<(&str, &str)> = Vec::new();
     let mut table =
-        Table::with_left(&["effect", "of all", "of one part", "share of what is looked for", "looks like"], &[4]);
+        Table::with_left(&["effect", "of all", "of one part", "share of the search range", "looks like"], &[4]);
     for one in all {
         let key = (one.effect.as_str(), one.parameter.as_str());
         if seen.contains(&key) {
@@ -38,12 +38,12 @@ pub(super) fn sizes(all: &[CanTell], found: &str) -> String {
         ]);
     }
     let html = format!(
-        "<details><summary>The least size of each effect that this recording shows</summary><p class=\"soft small\">Found in {found} such \
+        "<details><summary>Smallest detectable size of each effect</summary><p class=\"soft small\">Found in {found} such \
          recordings, if nothing else is wrong with the simulator. A full bar: not even the largest that is looked for.</p>\
          <div class=\"scroll\">{}</div></details>",
         table.to_html()
     );
-    format!("<h2>What this recording can show</h2>{}", card(&html))
+    format!("<h2>Detectable effects</h2>{}", card(&html))
 }
 
 /// The smallest and the largest of these least sizes, and how many parts show nothing.

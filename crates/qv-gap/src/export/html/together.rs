@@ -7,10 +7,10 @@ use std::fmt::Write;
 /// The table under its heading.
 pub fn together(together: &Together) -> String {
     let mut text = format!(
-        "<h2>Fitted at once</h2><div class=\"card\"><p>Several things may be off together. At their best beside each other these close {} \
-         ({} to {}) of the gap in windows that no fit has seen, joints {} to {} mrad. What is left is {} times what a robot without an effect \
-         leaves, so that none of them is accused.</p><table><tr><th>effect</th><th>where</th><th>size</th>\
-         <th title=\"log likelihood ratio, in units of what is left\">how much it is missed</th></tr>",
+        "<h2>Joint fit of several effects</h2><div class=\"card\"><p>Several effects may be present. Fitted together these remove {} \
+         ({} to {}) of the gap on held-out windows, joints {} to {} mrad. The remaining error is {} times that of a robot without a fault, \
+         so none of them is identified.</p><table><tr><th>effect</th><th>where</th><th>size</th>\
+         <th title=\"log likelihood ratio without it\">evidence</th></tr>",
         percent(together.closed),
         percent(together.closed_ci95[0]),
         percent(together.closed_ci95[1]),

@@ -19,8 +19,8 @@ pub(super) fn traces(traces: &Traces) -> String {
         _ => format!("<h3>recording {}</h3>{board}", windows[0].run + 1),
     };
     format!(
-        "<h2>Before and after</h2><p class=\"soft\">Every joint in the windows that no fit has seen, at the recorded rate. Each window is \
-         simulated from its measured start; at first the largest error.</p>{}",
+        "<h2>Before and after</h2><p class=\"soft\">Every joint in held-out windows, at the recorded rate. Each window is \
+         simulated from its measured start; the largest error is shown first.</p>{}",
         runs.iter().zip(boards).map(named).collect::<String>()
     )
 }

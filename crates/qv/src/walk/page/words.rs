@@ -55,7 +55,7 @@ fn headline(robot: &str, played: &WalkTrace, measures: &Measures) -> String {
         Some(off) if off < CLOSE => "follows its commands closely",
         Some(off) if off < ROUGH => "follows its commands roughly",
         Some(_) => "hardly follows its commands",
-        None => return format!("{robot} was told to stand, and does not fall."),
+        None => return format!("{robot} was commanded to stand, and does not fall."),
     };
     let does = if walks { "walks" } else { "does not step with all its feet" };
     format!("{robot} {does} and {how}.")

@@ -105,7 +105,7 @@ fn graphs() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-const DESCRIPTION: &str = include_str!("../../../../qv-policy/descriptions/rl_sar_go2.toml");
+const DESCRIPTION: &str = include_str!("../../../../qv-go2/descriptions/rl_sar_go2.toml");
 
 fn roll(policy: &Path, description: &Path) -> (i32, String) {
     let paths = [policy, description].map(|path| path.to_str().unwrap());

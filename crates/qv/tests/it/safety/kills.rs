@@ -95,7 +95,7 @@ fn a_walking_policy_survives() {
 fn a_navigation_policy_survives() {
     let root = directory("kill_navigate");
     place(&root, &Pose::IDENTITY, 1.0);
-    let words = "navigate train --scene scene.ply --mesh mesh.glb --starts view --distance 1,2 --camera none --robots 2 --epochs 1 --batch 2 --frames 20 --out out";
+    let words = "navigate train --scene scene.ply --terrain mesh.glb --starts view --distance 1,2 --camera none --robots 2 --epochs 1 --batch 2 --frames 20 --out out";
     let (old, new) = (format!("{words} --rounds 1 --seed 1"), format!("{words} --rounds 3 --seed 2"));
     survives(&root, &old, &new, &|name| ["weights.bin", "policy.onnx", "metrics.json"].contains(&name));
     // What was stopped goes on.
