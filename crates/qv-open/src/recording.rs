@@ -23,6 +23,8 @@ pub struct Reading {
     pub robot: Option<String>,
     /// First part of the topics of the robot that is read, where a recording has several.
     pub namespace: Option<String>,
+    /// Whether commands are read as what is found in their conventions says ([`qv_recording::commanded::fix`]).
+    pub fix: bool,
 }
 
 /// Reported the bytes that have been read and those there are.
@@ -50,6 +52,11 @@ impl<R: Read> Read for CountingReader<'_, R> {
 /// # Errors
 /// When there is no such file, or nothing usable in it.
 pub fn open_run(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {
+    let run = open_logged(path, reading, seen)?;
+    Ok(if reading.fix { qv_recording::commanded::fix(run) } else { run })
+}
+
+fn open_logged(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {
     let metadata = fs::metadata(path).map_err(|e| file_error(path, "a recording", &e.to_string()))?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     // A table that somebody made of such a folder goes before it.

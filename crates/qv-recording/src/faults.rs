@@ -63,8 +63,9 @@ pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
     frozen(run, &mut faults);
     // Where positions are not radians, nothing can be judged by them.
     if faults.iter().all(|f| f.kind != FaultKind::DegreesSuspected) {
-        faults.extend(conventions::faults(run));
-        faults.extend(commanded::faults(run));
+        let commands = commanded::analyse(run);
+        faults.extend(conventions::faults(run, &commands));
+        faults.extend(commanded::faults(run, &commands));
     }
     if let Some(pose) = &m.base_pose {
         jumps("base pose", pose, 0..3, FASTEST_BASE, 0.2, &mut faults);

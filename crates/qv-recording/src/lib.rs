@@ -11,7 +11,7 @@ mod bounds;
 pub mod cdr;
 mod choose;
 mod clean;
-mod commanded;
+pub mod commanded;
 pub mod container;
 pub mod conventions;
 pub mod definitions;
@@ -35,6 +35,7 @@ pub mod plan;
 pub mod robots;
 pub mod run;
 pub mod schema;
+mod slopes;
 pub mod smooth;
 #[cfg(feature = "sqlite")]
 mod sqlite;

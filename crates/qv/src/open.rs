@@ -19,7 +19,8 @@ use std::path::Path;
 /// When there is no such file, or nothing usable in it.
 pub fn open_run(arguments: &RunArguments) -> Result<Run, RecordingError> {
     let asked = arguments.reading.clone();
-    let reading = Reading { pose_topic: asked.pose_topic, robot: asked.robot, namespace: asked.namespace };
+    let reading =
+        Reading { pose_topic: asked.pose_topic, robot: asked.robot, namespace: asked.namespace, fix: asked.fix };
     let bar = progress(0, "reading");
     let seen = |done, total| {
         bar.set_length(total);

@@ -24,6 +24,9 @@ pub struct Reading {
     /// First part of the topics of the robot that is read, where a recording has several
     #[arg(long, value_name = "/NAME")]
     pub namespace: Option<String>,
+    /// Read commands in the convention that they are found in: order of joints, signs, units, offsets, gains, stamps
+    #[arg(long)]
+    pub fix: bool,
 }
 
 impl Reading {

@@ -119,6 +119,7 @@ pub fn read_table(
         let detail = "expected columns cmd_pos.<joint> or cmd_tau.<joint>, found none".into();
         run.faults.push(Fault { kind: FaultKind::Missing, channel: "commands".into(), time: 0.0, count: 1, detail });
     }
+    description.command_reading(&layout.joints)?.apply(&mut run);
     faults::examine(&mut run, mapping);
     turn_imu(&mut run, description.imu_rotation(), urdf);
     run.note_uncommanded();
