@@ -5,6 +5,7 @@ use crate::error::file_error;
 use crate::foreign;
 use crate::model::robot_file;
 use crate::table::run_of_table;
+use crate::unread;
 use qv_recording::mapping::Mapping;
 use qv_recording::run::Loss;
 use qv_recording::{BagFile, RecordingError, Run, robots};
@@ -72,12 +73,22 @@ fn open_logged(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run
         (false, "csv") => open_table(path, seen),
         (false, "bag") => open_bag(&[path.to_path_buf()], reading, seen),
         (false, _) if is_bag(path) => open_bag(&[path.to_path_buf()], reading, seen),
+        (false, _) if named_at(path).is_some() => {
+            Err(file_error(path, "a bag, a table or a dataset", named_at(path).unwrap_or_default()))
+        }
         (false, _) => Err(file_error(
             path,
             "a bag (.mcap, .db3, either with .zstd), a .csv file, a .parquet file of a LeRobot dataset, or a directory",
             &format!("`.{extension}`"),
         )),
     }
+}
+
+/// What a file is that is not read.
+fn named_at(path: &Path) -> Option<&'static str> {
+    let mut head = Vec::new();
+    File::open(path).ok()?.take(unread::HEAD as u64).read_to_end(&mut head).ok()?;
+    unread::named(&head)
 }
 
 fn open_bag(paths: &[PathBuf], reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {

@@ -8,6 +8,7 @@ pub use {glam, qv_core};
 
 mod bag;
 mod bounds;
+mod bursts;
 pub mod cdr;
 mod choose;
 mod clean;

@@ -3,7 +3,8 @@
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{
-    file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, urdf_of, write_error,
+    check_joints, file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, urdf_of,
+    write_error,
 };
 use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
@@ -104,7 +105,11 @@ impl Diagnose {
         };
         let model = model_of(&runs[0], &self.runs[0], self.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
-        runs.iter().try_for_each(|run| check_ground(run, &terrain))?;
+        for run in &mut runs {
+            let remarks = check_ground(run, &terrain)?;
+            run.remarks.extend(remarks);
+            check_joints(run, &model, &terrain, self.reading.fix)?;
+        }
         let effects = diagnosis::effects(self.library.as_deref())?;
         diagnosis::check_without(&self.without, &effects, &EFFECTS.each_ref().map(|e| e.name))?;
         let ground_error = diagnosis::ground_error(self.ground_error, &self.terrain)?;

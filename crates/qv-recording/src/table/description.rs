@@ -82,6 +82,10 @@ const OF_COMMANDS: [&str; 9] =
 
 #[derive(Debug, Clone, Default, Deserialize)]
 struct JointTable {
+    /// -1 where the joint's axis is the other way round in all channels.
+    sign: Option<f64>,
+    /// The joint in whose columns this one stands, in all channels.
+    columns_of: Option<String>,
     /// The joint whose columns hold its commands.
     command_of: Option<String>,
     command_scale: Option<f64>,
@@ -101,7 +105,9 @@ struct JointTable {
 }
 
 const OF_ACTUATORS: [&str; 6] = ["kind", "kp", "kd", "tau_max", "servo", "friction_model"];
-const OF_JOINTS: [&str; 12] = [
+const OF_JOINTS: [&str; 14] = [
+    "sign",
+    "columns_of",
     "command_of",
     "command_scale",
     "command_offset",
@@ -263,6 +269,24 @@ impl Description {
     /// Roll, pitch and yaw of the IMU on the base \[rad\], where they are stated.
     pub(super) fn imu_rotation(&self) -> Option<[f64; 3]> {
         self.imu.and_then(|imu| imu.rotation)
+    }
+
+    /// For each of `joints` the column that it stands in, in all channels, and its sign there.
+    pub(super) fn columns(&self, joints: &[String]) -> Result<Vec<(usize, f64)>, RecordingError> {
+        let one = |(k, name): (usize, &String)| {
+            let Some(own) = self.joint.get(name) else { return Ok((k, 1.0)) };
+            let sign = own.sign.unwrap_or(1.0);
+            if sign.abs() != 1.0 {
+                let expected = format!("1 or -1 as `sign` of [joint.{name}]");
+                return Err(RecordingError::file("run.toml", expected, sign.to_string()));
+            }
+            let Some(other) = &own.columns_of else { return Ok((k, sign)) };
+            let expected = || format!("a joint as `columns_of` of [joint.{name}]");
+            let place = joints.iter().position(|j| j == other);
+            let wrong = || RecordingError::file("run.toml", expected(), format!("`{other}`"));
+            Ok((place.ok_or_else(wrong)?, sign))
+        };
+        joints.iter().enumerate().map(one).collect()
     }
 
     /// How the commands of `joints` are read.

@@ -1,0 +1,63 @@
+//! The unit of depth images: frames that contradict each other in the stated unit, and agree in another.
+
+use glam::DVec3;
+use qv_core::statistics::median;
+use qv_mesh::DepthFrame;
+
+/// Factors on the stated unit that are tried: 1/5000 m of TUM for millimetres and the other way round, tenths, thousandths.
+const FACTORS: [f64; 7] = [1.0, 5.0, 0.2, 10.0, 0.1, 1000.0, 0.001];
+/// Pairs of frames, and pixels of each, that are compared at most.
+const PAIRS: usize = 40;
+const PIXELS: usize = 400;
+/// Disagreement (median, share of the depth) from which on frames contradict each other, and up to which they agree.
+const CONTRADICTS: f64 = 0.03;
+const AGREES: f64 = 0.015;
+/// Pixels that must meet in all pairs together.
+const LEAST: usize = 200;
+
+/// Reads the depths in the unit in which frames agree, where they contradict each other in the stated one; says so.
+pub fn agree(frames: &mut [DepthFrame]) -> Option<String> {
+    let found: Vec<(f64, f64)> = FACTORS.iter().filter_map(|f| Some((*f, disagreement(frames, *f)?))).collect();
+    let stated = found.iter().find(|(factor, _)| *factor == 1.0)?.1;
+    let (factor, best) = found.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    if factor == 1.0 || stated < CONTRADICTS || best > AGREES || best > 0.3 * stated {
+        return None;
+    }
+    for frame in frames.iter_mut() {
+        frame.depth.iter_mut().for_each(|d| *d *= factor as f32);
+    }
+    Some(format!(
+        "depths of different frames differ by {:.1} % in the stated unit and by {:.1} % in one {factor} times as large, which is taken",
+        100.0 * stated,
+        100.0 * best
+    ))
+}
+
+/// Median difference of depths that two frames have of one place, as a share of it; `None` where too few meet.
+fn disagreement(frames: &[DepthFrame], factor: f64) -> Option<f64> {
+    let step = (frames.len() / PAIRS).max(1);
+    let apart = (frames.len() / 12).max(1);
+    let pairs = (0..frames.len().saturating_sub(apart)).step_by(step);
+    let mut all: Vec<f64> = pairs.flat_map(|i| differences(&frames[i], &frames[i + apart], factor)).collect();
+    (all.len() >= LEAST).then(|| median(&mut all))
+}
+
+fn differences(one: &DepthFrame, other: &DepthFrame, factor: f64) -> Vec<f64> {
+    let (a, b) = (&one.camera, &other.camera);
+    let world_from_a = a.camera_from_world.inverse();
+    let every = (one.depth.len() / PIXELS).max(1);
+    let pixel = |i: usize| {
+        let z = factor * f64::from(one.depth[i]);
+        let (u, v) = ((i % a.width as usize) as f64 + 0.5, (i / a.width as usize) as f64 + 0.5);
+        let place = DVec3::new((u - a.cx) / a.fx * z, (v - a.cy) / a.fy * z, z);
+        let seen = b.camera_from_world.transform_point(world_from_a.transform_point(place));
+        let (u, v) = (b.cx + b.fx * seen.x / seen.z, b.cy + b.fy * seen.y / seen.z);
+        let inside = z > 0.0
+            && seen.z > 0.0
+            && (0.0..f64::from(b.width)).contains(&u)
+            && (0.0..f64::from(b.height)).contains(&v);
+        let there = inside.then(|| factor * f64::from(other.depth[v as usize * b.width as usize + u as usize]))?;
+        (there > 0.0).then(|| (there - seen.z).abs() / seen.z)
+    };
+    (0..one.depth.len()).step_by(every).filter_map(pixel).collect()
+}
