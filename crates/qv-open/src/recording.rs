@@ -53,8 +53,9 @@ impl<R: Read> Read for CountingReader<'_, R> {
 /// # Errors
 /// When there is no such file, or nothing usable in it.
 pub fn open_run(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {
-    let run = open_logged(path, reading, seen)?;
-    Ok(if reading.fix { qv_recording::commanded::fix(run) } else { run })
+    let mut run = open_logged(path, reading, seen)?;
+    qv_recording::frames::report_mount(&mut run);
+    Ok(if reading.fix { qv_recording::frames::fix(qv_recording::commanded::fix(run)) } else { run })
 }
 
 fn open_logged(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {

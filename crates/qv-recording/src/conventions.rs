@@ -178,6 +178,13 @@ pub fn read_in_ours(mut run: Run) -> Run {
         return run;
     }
     let commands = commanded::analyse(&run);
+    if run
+        .faults
+        .iter()
+        .any(|f| f.kind == FaultKind::Convention && f.channel == "acceleration" && f.detail.ends_with("left out"))
+    {
+        run.measured.acceleration = None;
+    }
     for one in foreign(&run, &commands) {
         one.read(&mut run);
         if one.reading != Reading::Unknown {

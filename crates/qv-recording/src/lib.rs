@@ -23,6 +23,7 @@ mod error;
 mod facts;
 pub mod faults;
 pub mod foreign;
+pub mod frames;
 pub mod frozen;
 mod gains;
 pub mod gaps;

@@ -8,6 +8,11 @@ use super::samples::Samples;
 /// Share of the samples that may contradict the law, as those at a limit do.
 const TRIMMED: f64 = 0.1;
 
+/// Share of the torque's variance up to which the law is used.
+pub(super) const USED: f64 = 0.3;
+/// What is left of torques that are all noise counts as so much.
+const NOISE: f64 = 0.2;
+
 /// Whose commands, positions and torques are put into one law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pairing {
@@ -35,6 +40,16 @@ pub(super) struct Law {
     pub offset_error: f64,
     /// Share of the torque's variance that is left.
     pub left: f64,
+}
+
+/// An offset of this size counts as much as this share of the variance \[rad, 1\].
+const OFFSET: [f64; 2] = [0.2, 0.1];
+
+impl Law {
+    /// What a reading costs: what it leaves, and an offset that another reading may do without.
+    pub fn cost(&self) -> f64 {
+        self.left + OFFSET[1] * (self.offset.abs() / OFFSET[0]).min(2.0)
+    }
 }
 
 /// Normal equations of at most four regressors.
@@ -118,6 +133,29 @@ pub(super) fn fit(s: &Samples, commands: &[f64], pairing: Pairing, forward: f64)
         offset_error,
         left: left / all,
     })
+}
+
+/// As [`fit`]; where torques are too small to fit a law, what the law of other joints leaves of them: its `stiffness` and `damping` are `usual`.
+pub(super) fn judge(
+    s: &Samples,
+    commands: &[f64],
+    pairing: Pairing,
+    forward: f64,
+    usual: Option<[f64; 2]>,
+) -> Option<Law> {
+    let free = fit(s, commands, pairing, forward)?;
+    let Some([stiffness, damping]) = usual.filter(|_| free.left >= USED) else { return Some(free) };
+    let rows: Vec<([f64; 3], f64)> = (0..s.time.len()).filter_map(|i| row(s, commands, pairing, forward, i)).collect();
+    let n = rows.len() as f64;
+    let without = [stiffness, damping, 0.0, 0.0];
+    let offset = rows.iter().map(|(x, y)| miss(&without, x, *y) / (x[2] * stiffness)).sum::<f64>() / n;
+    let c = [stiffness, damping, offset * stiffness, 0.0];
+    let mean = rows.iter().map(|(_, y)| y).sum::<f64>() / n;
+    let all: f64 = rows.iter().map(|(_, y)| (y - mean).powi(2)).sum();
+    let left: f64 = rows.iter().map(|(x, y)| miss(&c, x, *y).powi(2)).sum();
+    let offset_error = spread_of_offset(&rows, &c);
+    // Torques that are all noise leave all of it.
+    Some(Law { stiffness, damping, offset, offset_error, left: NOISE * left / all })
 }
 
 /// Standard error of the offset, by what is left in eighths of the recording.

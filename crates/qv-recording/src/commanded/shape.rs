@@ -16,7 +16,7 @@ pub enum Shape {
 }
 
 /// Time constants and periods that are tried \[s\].
-const TIMES: [f64; 9] = [0.004, 0.007, 0.01, 0.015, 0.02, 0.03, 0.045, 0.07, 0.1];
+const TIMES: [f64; 8] = [0.007, 0.01, 0.015, 0.02, 0.03, 0.045, 0.07, 0.1];
 /// Step of the grid on which commands are shaped \[s\].
 const STEP: f64 = 0.002;
 
@@ -24,8 +24,8 @@ impl Shape {
     /// All that are tried for commands whose speeds are up to `fastest` \[rad/s\].
     pub(super) fn tried(fastest: f64) -> Vec<Self> {
         let mut all: Vec<Self> = TIMES.iter().map(|t| Self::LowPass(*t)).collect();
-        all.extend(TIMES.iter().skip(2).map(|t| Self::Ramp(*t)));
-        all.extend(TIMES.iter().skip(2).map(|t| Self::Hold(*t)));
+        all.extend(TIMES.iter().skip(1).map(|t| Self::Ramp(*t)));
+        all.extend(TIMES.iter().skip(1).map(|t| Self::Hold(*t)));
         all.extend((1..10).map(|k| Self::RateLimit(fastest * 0.1 * f64::from(k))));
         all
     }
@@ -40,6 +40,14 @@ impl Shape {
     pub fn size(self) -> f64 {
         match self {
             Self::LowPass(x) | Self::Ramp(x) | Self::Hold(x) | Self::RateLimit(x) => x,
+        }
+    }
+
+    /// Time constant or period \[s\]; a limit on the rate has none.
+    pub(super) fn time(self) -> Option<f64> {
+        match self {
+            Self::RateLimit(_) => None,
+            Self::LowPass(x) | Self::Ramp(x) | Self::Hold(x) => Some(x),
         }
     }
 

@@ -1,7 +1,7 @@
 //! What recorded torques show of the commands: whose they are, their sign, unit, offset, gains and stamps.
 
 use super::analysis::{Analysis, Check, Finding, cycles, number};
-use super::law::{Law, Pairing, fit, free_unit};
+use super::law::{Law, Pairing, USED, fit, free_unit, judge};
 use super::reading::CommandReading;
 use super::samples::Samples;
 use super::shape::Shape;
@@ -13,9 +13,8 @@ use qv_core::statistics::median;
 const DELAYS: std::ops::RangeInclusive<i32> = -45..=60;
 /// Torques follow a command at once: what acts this much before its stamp was stamped late \[s\].
 const LATE: f64 = -0.004;
-/// Share of the torque's variance up to which the law holds without doubt, and up to which it is used.
+/// Cost of a law up to which it holds without doubt.
 const HOLDS: f64 = 0.02;
-const USED: f64 = 0.3;
 /// Share of what is left that another reading may leave.
 const BETTER: f64 = 0.25;
 /// Least offset of a command \[rad\], and in standard errors.
@@ -28,21 +27,40 @@ pub(super) fn analyse(run: &Run) -> Option<Analysis> {
     let commands = run.commands.position.as_ref()?;
     let signed: Vec<bool> = (0..samples.joints).map(|j| has_both_signs(&samples, j)).collect();
     let delay = delay(&samples, commands, &signed);
-    let at = samples.commands(commands, delay);
-    let readings: Vec<Option<JointLaw>> =
-        (0..samples.joints).map(|j| signed[j].then(|| joint_law(&samples, &at, j))?).collect();
-    let mut laws = readings;
-    exchange(&samples, &at, &mut laws);
+    let shape = shape(run, &samples, delay, &signed);
+    let shaped = shape.map(|shape| shape.of(commands));
+    let at = samples.commands(shaped.as_ref().unwrap_or(commands), if shape.is_some() { 0.0 } else { delay });
+    let usual = usual(&samples, &at, &signed);
+    let mut laws: Vec<Option<JointLaw>> = (0..samples.joints)
+        .map(|j| {
+            signed[j].then(|| judge(&samples, &at, Pairing::own(j), 1.0, usual)).flatten().map(|l| JointLaw::own(j, l))
+        })
+        .collect();
+    exchange(&samples, &at, usual, &mut laws);
+    for joint in 0..samples.joints {
+        laws[joint] = laws[joint].map(|own| of_unit(&samples, &at, joint, own, usual));
+    }
     if laws.iter().flatten().filter(|l| l.law.left < USED).count() * 2 <= samples.joints {
         return None;
     }
     let mut found = Found::new(run, &samples, laws);
+    found.reading.shape = shape;
+    found.shape();
     found.feed_forward(&at);
     found.joints();
-    found.shape(commands, delay);
     found.delay(commands, delay);
     found.gains();
     Some(found.into_analysis(delay))
+}
+
+/// Factors on stiffness and damping that most joints have, where gains are stated.
+fn usual(s: &Samples, at: &[f64], signed: &[bool]) -> Option<[f64; 2]> {
+    let laws: Vec<Law> = (0..s.joints)
+        .filter(|j| signed[*j] && s.states_gains)
+        .filter_map(|j| fit(s, at, Pairing::own(j), 1.0).filter(|l| l.left < HOLDS))
+        .collect();
+    let middle = |f: fn(&Law) -> f64| median(&mut laws.iter().map(f).collect::<Vec<f64>>());
+    (!laws.is_empty()).then(|| [middle(|l| l.stiffness), middle(|l| l.damping)])
 }
 
 /// A torque that never changes its sign is a magnitude, or a load that tells nothing.
@@ -60,8 +78,12 @@ fn has_both_signs(s: &Samples, joint: usize) -> bool {
 struct JointLaw {
     pairing: Pairing,
     law: Law,
-    /// What its commands leave as they were logged.
-    plain: f64,
+}
+
+impl JointLaw {
+    fn own(joint: usize, law: Law) -> Self {
+        Self { pairing: Pairing::own(joint), law }
+    }
 }
 
 /// Mean of what is left of the torques, over joints, with any factor on the command.
@@ -87,36 +109,38 @@ fn delay(s: &Samples, commands: &JointSeries, signed: &[bool]) -> f64 {
     if there < at_once - 0.05 { 1e-3 * f64::from(fine) } else { 0.0 }
 }
 
-fn joint_law(s: &Samples, at: &[f64], joint: usize) -> Option<JointLaw> {
-    let own = Pairing::own(joint);
-    let law = fit(s, at, own, 1.0)?;
-    let plain = JointLaw { pairing: own, law, plain: law.left };
-    if law.left < HOLDS {
-        return Some(plain);
+/// The reading of a joint's own commands in another unit or of the other sign, where it fits far better; else `own`.
+fn of_unit(s: &Samples, at: &[f64], joint: usize, own: JointLaw, usual: Option<[f64; 2]>) -> JointLaw {
+    let plain = Pairing::own(joint);
+    if own.pairing != plain || own.law.cost() < HOLDS {
+        return own;
     }
-    let units = [-1.0, 1.0 / DEGREES, -1.0 / DEGREES, DEGREES, 1e-3, 1e3].into_iter();
     let tried = |unit: f64| {
-        let pairing = Pairing { unit, ..own };
-        fit(s, at, pairing, 1.0).map(|law| JointLaw { pairing, law, plain: plain.law.left })
+        let pairing = Pairing { unit, ..plain };
+        judge(s, at, pairing, 1.0, usual).map(|law| JointLaw { pairing, law })
     };
-    let best = units.filter_map(tried).min_by(|a, b| a.law.left.total_cmp(&b.law.left));
-    let is_better = |l: &JointLaw| l.law.left < USED.min(BETTER * plain.law.left);
+    // What leaves the command out is no reading of it, unless it stands still.
+    let none = tried(0.0).map_or(f64::INFINITY, |l| l.law.cost());
+    let most = USED.min(BETTER * own.law.cost()).min(0.5 * none);
+    let is_better = |l: &JointLaw| l.law.cost() < most && l.law.left < USED;
+    let units = [-1.0, 1.0 / DEGREES, -1.0 / DEGREES, DEGREES, 1e-3, 1e3].into_iter();
+    let best = units.filter_map(tried).min_by(|a, b| a.law.cost().total_cmp(&b.law.cost()));
     // A factor that is no unit's must leave nothing to doubt.
     let free = free_unit(s, at, joint).filter(|u| !(0.6..1.6).contains(u)).and_then(tried);
-    best.filter(is_better).or(free.filter(is_better)).or(Some(plain))
+    best.filter(is_better).or(free.filter(|l| is_better(l) && l.law.cost() < HOLDS)).unwrap_or(own)
 }
 
 /// Joints that fit another joint's commands, positions or torques better than their own, in whole cycles.
-fn exchange(s: &Samples, at: &[f64], laws: &mut [Option<JointLaw>]) {
+fn exchange(s: &Samples, at: &[f64], usual: Option<[f64; 2]>, laws: &mut [Option<JointLaw>]) {
     let few = s.thinned(3);
     let few_at: Vec<f64> = at.chunks(s.joints).step_by(3).flatten().copied().collect();
-    let doubtful: Vec<usize> =
-        (0..s.joints).filter(|&j| laws[j].is_some_and(|l| l.law.left > HOLDS && l.pairing.unit == 1.0)).collect();
+    let doubtful: Vec<usize> = (0..s.joints).filter(|&j| laws[j].is_some_and(|l| l.law.cost() > HOLDS)).collect();
     if doubtful.len() < 2 {
         return;
     }
     // Commands of another, positions of another, both of another.
     for kind in 0..3 {
+        let is_open = |joint: usize| laws[joint].is_some_and(|l| l.pairing == Pairing::own(joint));
         let pairing = |joint: usize, other: usize| Pairing {
             command: if kind == 1 { joint } else { other },
             position: if kind == 0 { joint } else { other },
@@ -126,18 +150,18 @@ fn exchange(s: &Samples, at: &[f64], laws: &mut [Option<JointLaw>]) {
         let best = |joint: usize| {
             let others = doubtful.iter().filter(|other| **other != joint);
             let fits = others.filter_map(|&other| {
-                let law = fit(&few, &few_at, pairing(joint, other), 1.0)?;
+                let law = judge(&few, &few_at, pairing(joint, other), 1.0, usual)?;
                 Some((other, law)).filter(|(_, l)| l.stiffness > 0.0)
             });
-            let (other, law) = fits.min_by(|a, b| a.1.left.total_cmp(&b.1.left))?;
-            (law.left < USED.min(BETTER * laws[joint]?.law.left)).then_some(other)
+            let (other, law) = fits.min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()))?;
+            (law.cost() < USED.min(BETTER * laws[joint]?.law.cost())).then_some(other)
         };
         let follows: Vec<Option<usize>> =
-            (0..s.joints).map(|j| doubtful.contains(&j).then(|| best(j)).flatten()).collect();
+            (0..s.joints).map(|j| (doubtful.contains(&j) && is_open(j)).then(|| best(j)).flatten()).collect();
         for joint in cycles(follows).into_iter().enumerate().filter_map(|(j, other)| other.map(|o| (j, o))) {
             let pairing = pairing(joint.0, joint.1);
-            if let (Some(law), Some(before)) = (fit(s, at, pairing, 1.0), laws[joint.0]) {
-                laws[joint.0] = Some(JointLaw { pairing, law, plain: before.plain });
+            if let Some(law) = judge(s, at, pairing, 1.0, usual) {
+                laws[joint.0] = Some(JointLaw { pairing, law });
             }
         }
     }
@@ -228,7 +252,9 @@ impl<'a> Found<'a> {
     fn offset(&mut self, joint: usize, found: JointLaw) {
         let Law { offset, offset_error, .. } = found.law;
         let [least, errors] = LEAST_OFFSET;
-        let is_clear = offset.abs() > least && offset.abs() > errors * offset_error;
+        // What firmware makes of commands that move is not all found.
+        let is_sure = self.reading.shape.is_none() || found.law.left < HOLDS;
+        let is_clear = is_sure && offset.abs() > least && offset.abs() > errors * offset_error;
         if !is_clear || found.pairing.position != joint {
             return;
         }
@@ -279,12 +305,14 @@ impl<'a> Found<'a> {
             return;
         }
         let holding = self.holding();
+        let sure: Vec<(usize, JointLaw)> = holding.iter().copied().filter(|(_, l)| l.law.left < HOLDS).collect();
+        let holding = if sure.len() > 1 { sure } else { holding };
         let of = |f: fn(&Law) -> f64| holding.iter().map(|(_, l)| f(&l.law)).collect::<Vec<f64>>();
         let (mut stiffness, mut damping) = (of(|l| l.stiffness), of(|l| l.damping));
         let spread = spread(&stiffness);
         let (kp, kd) = (median(&mut stiffness), median(&mut damping));
         let logs_damping = self.samples.kd.iter().any(|kd| *kd > 0.0);
-        let near = |x: f64, y: f64| (x / y).ln().abs() < 0.25;
+        let near = |x: f64, y: f64| (x / y).ln().abs() < 0.45;
         let factor = [DEGREES, 10.0, 0.1, 1.0 / DEGREES].into_iter().find(|f| near(kp, *f));
         if let Some(factor) = factor.filter(|_| spread < 1.3) {
             // Damping is found less well.
@@ -296,7 +324,7 @@ impl<'a> Found<'a> {
             let keys = ["kp_scale", "kd_scale"].iter().take(if both { 2 } else { 1 });
             let keys: Vec<String> = keys.map(|k| format!("{k} = {}", number(factor))).collect();
             self.report("commands", what, format!("[commands] {}", keys.join(", ")));
-        } else if kp > 1.35 && spread < 1.1 && logs_damping && near(kd, kp) && holding.len() > 1 {
+        } else if kp > 1.35 && spread < 1.2 && logs_damping && near(kd, kp) && holding.len() > 1 {
             let what = format!(
                 "torques of all joints are {kp:.3} times what gains and errors give: amperes, torque before or after a gear, or other gains \
                  than were logged"
@@ -317,35 +345,11 @@ impl<'a> Found<'a> {
     }
 
     /// What firmware makes of the commands.
-    fn shape(&mut self, commands: &JointSeries, delay: f64) {
-        let is_plain =
-            self.laws.iter().flatten().all(|l| l.pairing.unit == 1.0 && l.pairing.command == l.pairing.torque);
-        let mut left_now: Vec<f64> = self.laws.iter().flatten().map(|l| l.law.left).collect();
-        if !is_plain || left_now.is_empty() || median(&mut left_now) < 0.004 {
-            return;
+    fn shape(&mut self) {
+        if let Some(shape) = self.reading.shape {
+            let what = format!("the motors follow them shaped by firmware: {}", shape.words());
+            self.report("commands", what, format!("[commands] {}", shape.setting()));
         }
-        let few = self.samples.thinned(4);
-        let forward = if self.reading.uses_feed_forward { 1.0 } else { 0.0 };
-        let mean = |commands: &JointSeries, delay: f64| {
-            let at = few.commands(commands, delay);
-            let one = |j: usize| fit(&few, &at, Pairing::own(j), forward).map(|l| l.left.clamp(1e-4, 1.0).ln());
-            let all: Vec<f64> = (0..few.joints).filter_map(one).collect();
-            all.iter().sum::<f64>() / all.len().max(1) as f64
-        };
-        let tried = |shape: Shape| (mean(&shape.of(commands), 0.0), shape);
-        let least = |all: Vec<(f64, Shape)>| all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-        let all = Shape::tried(fastest(commands)).into_iter().map(tried).collect();
-        let Some(mut best) = least(all) else { return };
-        for _ in 0..2 {
-            best = least(best.1.around().into_iter().map(tried).chain([best]).collect()).unwrap_or(best);
-        }
-        let plain = mean(commands, delay).min(mean(commands, 0.0));
-        if best.0 > plain + SHAPED.ln() {
-            return;
-        }
-        self.reading.shape = Some(best.1);
-        let what = format!("the motors follow them shaped by firmware: {}", best.1.words());
-        self.report("commands", what, format!("[commands] {}", best.1.setting()));
     }
 
     fn into_analysis(self, delay: f64) -> Analysis {
@@ -391,8 +395,48 @@ impl<'a> Found<'a> {
     }
 }
 
-/// Share of what commands leave as they were logged that shaped ones may leave.
-const SHAPED: f64 = 0.4;
+/// Share of what commands leave as they were logged that shaped ones may leave, at the joints that show it best.
+const SHAPED: f64 = 0.5;
+
+/// What firmware makes of the commands, where the torques of a third of the joints show it.
+fn shape(run: &Run, s: &Samples, delay: f64, signed: &[bool]) -> Option<Shape> {
+    let commands = run.commands.position.as_ref()?;
+    let few = s.thinned(3);
+    let lefts = |few: &Samples, commands: &JointSeries, delay: f64| -> Vec<f64> {
+        let at = few.commands(commands, delay);
+        let one = |j: usize| fit(few, &at, Pairing::own(j), 1.0).map_or(0.0, |l| l.left.clamp(1e-5, 1.0).ln());
+        (0..few.joints).map(|j| if signed[j] { one(j) } else { 0.0 }).collect()
+    };
+    let (at_once, late) = (lefts(&few, commands, 0.0), lefts(&few, commands, delay));
+    let plain: Vec<f64> = at_once.iter().zip(&late).map(|(a, b)| a.min(*b)).collect();
+    let best_third = |lefts: Vec<f64>| {
+        let mut gains: Vec<f64> = lefts.iter().zip(&plain).map(|(a, b)| a - b).collect();
+        gains.sort_by(f64::total_cmp);
+        let third = gains.len().div_ceil(3);
+        gains[..third].iter().sum::<f64>() / third as f64
+    };
+    let gain = |shape: Shape| (best_third(lefts(&few, &shape.of(commands), 0.0)), shape);
+    let least = |all: Vec<(f64, Shape)>| all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    let mut best = least(Shape::tried(fastest(commands)).into_iter().map(gain).collect())?;
+    if best.0 > 0.5 * SHAPED.ln() {
+        return None;
+    }
+    for _ in 0..2 {
+        best = least(best.1.around().into_iter().map(gain).chain([best]).collect())?;
+    }
+    // Torques that lag behind the whole law are an actuator's.
+    let lagging = |time: f64| {
+        let shape = Shape::LowPass(time);
+        let mut slow = run.clone();
+        slow.measured.position = slow.measured.position.as_ref().map(|p| shape.of(p));
+        slow.measured.velocity = slow.measured.velocity.as_ref().map(|v| shape.of(v));
+        let samples = Samples::of(&slow)?.thinned(3);
+        Some(best_third(lefts(&samples, &shape.of(commands), 0.0)))
+    };
+    let is_actuator =
+        [0.5, 0.75, 1.0, 1.3].iter().filter_map(|by| lagging(by * best.1.time()?)).any(|left| left < best.0);
+    (best.0 < SHAPED.ln() && !is_actuator).then_some(best.1)
+}
 
 fn spread(values: &[f64]) -> f64 {
     let (low, high) = values.iter().fold((f64::INFINITY, 0.0f64), |(l, h), x| (l.min(*x), h.max(*x)));
