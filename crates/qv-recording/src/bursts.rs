@@ -67,7 +67,7 @@ mod tests {
     fn logged(burst: i64) -> Vec<i64> {
         (0..1000)
             .map(|i| 2 * i)
-            .map(|ms| (ms + burst - 1) / burst * burst * 1_000_000 + 20_000 * (ms % burst))
+            .map(|ms| (ms + burst - 1) / burst * burst * 1_000_000 + 20_000 * ((ms + burst - 2) % burst))
             .collect()
     }
 
