@@ -168,6 +168,32 @@ mod tests {
     }
 
     #[test]
+    fn pieces_that_look_down_or_inward_are_turned() {
+        let plane = |up: bool| {
+            let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+            let vertices = corners.iter().map(|[x, y]| DVec3::new(*x, *y, 0.0)).collect();
+            let triangles = if up { vec![[0, 1, 2], [0, 2, 3]] } else { vec![[0, 2, 1], [0, 3, 2]] };
+            TriangleMesh { vertices, triangles, labels: vec![], materials: vec![] }
+        };
+        let (mut up, mut down) = (plane(true), plane(false));
+        assert_eq!((up.turn_outward(), down.turn_outward()), (0, 2));
+        assert!((0..2).all(|t| {
+            let [a, b, c] = down.corners(t);
+            (b - a).cross(c - a).z > 0.0
+        }));
+        // A closed body, mirrored, beside a plane that is right: vertices of one place are written for each triangle, as exporters do.
+        let corners = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|p| DVec3::from_array(p) + 5.0);
+        let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+        let mut both = plane(true);
+        for face in faces {
+            let first = both.vertices.len() as u32;
+            both.vertices.extend(face.map(|i: usize| corners[i] * DVec3::new(-1.0, 1.0, 1.0)));
+            both.triangles.push([first, first + 1, first + 2]);
+        }
+        assert_eq!((both.clone().turn_outward(), both.turn_outward(), both.turn_outward()), (4, 4, 0));
+    }
+
+    #[test]
     fn a_good_mesh_passes() {
         assert_eq!(one_triangle().validate(), Ok(()));
     }

@@ -79,7 +79,7 @@ pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<Vec<String>, Recordi
         let over = |p: &&[f64]| Some(p[2] - terrain.height_below(p[0], p[1], p[2] + ABOVE)?);
         let mut heights: Vec<f64> = places.iter().filter_map(over).collect();
         let height = qv_core::statistics::median(&mut heights);
-        if height > HIGHEST_BASE || height < 0.0 {
+        if height.is_finite() && !(0.0..=HIGHEST_BASE).contains(&height) {
             remarks.push(format!(
                 "the ground lies {height:.2} m below the poses of the base (median): frames of ground and poses may differ; it is moved to \
                  the feet"

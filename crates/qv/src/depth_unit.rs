@@ -18,7 +18,8 @@ const LEAST: usize = 200;
 /// Reads the depths in the unit in which frames agree, where they contradict each other in the stated one; says so.
 pub fn agree(frames: &mut [DepthFrame]) -> Option<String> {
     let found: Vec<(f64, f64)> = FACTORS.iter().filter_map(|f| Some((*f, disagreement(frames, *f)?))).collect();
-    let stated = found.iter().find(|(factor, _)| *factor == 1.0)?.1;
+    // Frames of which nothing meets in the stated unit contradict each other, too, if they meet and agree in another.
+    let stated = found.iter().find(|(factor, _)| *factor == 1.0).map_or(1.0, |(_, off)| *off);
     let (factor, best) = found.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))?;
     if factor == 1.0 || stated < CONTRADICTS || best > AGREES || best > 0.3 * stated {
         return None;
@@ -60,4 +61,50 @@ fn differences(one: &DepthFrame, other: &DepthFrame, factor: f64) -> Vec<f64> {
         (there > 0.0).then(|| (there - seen.z).abs() / seen.z)
     };
     (0..one.depth.len()).step_by(every).filter_map(pixel).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+    use qv_core::{Camera, Pose};
+
+    /// Frames of the floor z = 0, from cameras on a circle that look down at 45 degrees, with depths in units of `unit` metres.
+    fn frames(unit: f64) -> Vec<DepthFrame> {
+        let frame = |k: usize| {
+            let turn = DQuat::from_rotation_z(0.15 * k as f64);
+            let look = turn * DQuat::from_rotation_y(std::f64::consts::FRAC_PI_4) * axes();
+            let position = turn * DVec3::new(-1.0, 0.0, 1.2);
+            let camera_from_world = Pose { position, rotation: look }.inverse();
+            let camera = Camera { fx: 80.0, fy: 80.0, cx: 40.0, cy: 30.0, width: 80, height: 60, camera_from_world };
+            let depth = |i: usize| {
+                let (u, v) = ((i % 80) as f64 + 0.5, (i / 80) as f64 + 0.5);
+                let ray = look * DVec3::new((u - 40.0) / 80.0, (v - 30.0) / 80.0, 1.0);
+                if ray.z < -0.1 { (-position.z / ray.z / unit) as f32 } else { 0.0 }
+            };
+            DepthFrame { camera, depth: (0..80 * 60).map(depth).collect(), weight: vec![] }
+        };
+        (0..24).map(frame).collect()
+    }
+
+    /// A camera that looks along x with z up.
+    fn axes() -> DQuat {
+        DQuat::from_mat3(&glam::DMat3::from_cols(-DVec3::Y, -DVec3::Z, DVec3::X))
+    }
+
+    #[test]
+    fn depths_are_read_in_the_unit_in_which_frames_agree() {
+        let metres = frames(1.0);
+        let mut right = metres.clone();
+        assert_eq!(agree(&mut right), None);
+        assert_eq!(right, metres);
+        for unit in [5.0, 0.2, 10.0] {
+            let mut other = frames(unit);
+            let said = agree(&mut other);
+            assert!(said.as_ref().is_some_and(|s| s.contains(&format!("{unit} times as large"))), "{unit} {said:?}");
+            let near =
+                other.iter().zip(&metres).all(|(a, b)| a.depth.iter().zip(&b.depth).all(|(a, b)| (a - b).abs() < 1e-4));
+            assert!(near, "{unit}");
+        }
+    }
 }

@@ -317,9 +317,25 @@ fn joint_rms([before, after]: [f64; 2]) -> String {
     if before.is_nan() { String::new() } else { format!("; joints {:.2} -> {:.2} mrad", 1e3 * before, 1e3 * after) }
 }
 
+/// Mistakes in the commands or joints, which go before any physical cause: with them nothing else is to be believed.
+fn first_lead(report: &Report) -> String {
+    let is_mistake = |line: &&String| {
+        let kind = line.split([' ', ':']).next().unwrap_or_default();
+        ["commands", "joint", "torques", "imu"].contains(&kind)
+            && (line.contains("--fix") || line.contains("two programs"))
+    };
+    let found: Vec<&str> = report.cannot_tell.iter().filter(is_mistake).map(String::as_str).collect();
+    match found[..] {
+        [] => String::new(),
+        [first] => format!("conventions first: {first}\n"),
+        [first, ..] => format!("conventions first: {first}; and {} more (qv inspect)\n", found.len() - 1),
+    }
+}
+
 fn summary(report: &Report) -> String {
     let gap = &report.gap;
-    let mut text = format!("{}\n\n", report.sentence);
+    let mut text = first_lead(report);
+    text += &format!("{}\n\n", report.sentence);
     text += &format!(
         "gap {:.2} before, {:.2} after, {:.2} floor; closed {:.0} % ({:.0} to {:.0}){}\n",
         gap.before,

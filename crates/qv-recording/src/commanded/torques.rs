@@ -21,7 +21,7 @@ const BETTER: f64 = 0.25;
 const LEAST_OFFSET: [f64; 2] = [0.04, 6.0];
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
-/// `None` where the torques do not follow the law of the motors well enough to tell.
+/// `None` where the torques do not follow the law of the motors well enough.
 pub(super) fn analyse(run: &Run) -> Option<Analysis> {
     let samples = Samples::of(run)?;
     let commands = run.commands.position.as_ref()?;
@@ -43,7 +43,7 @@ pub(super) fn analyse(run: &Run) -> Option<Analysis> {
     if laws.iter().flatten().filter(|l| l.law.left < USED).count() * 2 <= samples.joints {
         return None;
     }
-    let mut found = Found::new(run, &samples, laws);
+    let mut found = CommandChannel::new(run, &samples, laws);
     found.reading.shape = shape;
     found.shape();
     found.feed_forward(&at);
@@ -63,7 +63,7 @@ fn usual(s: &Samples, at: &[f64], signed: &[bool]) -> Option<[f64; 2]> {
     (!laws.is_empty()).then(|| [middle(|l| l.stiffness), middle(|l| l.damping)])
 }
 
-/// A torque that never changes its sign is a magnitude, or a load that tells nothing.
+/// A torque that never changes its sign is a magnitude, or a load that shows nothing.
 fn has_both_signs(s: &Samples, joint: usize) -> bool {
     let all = || s.torque.iter().skip(joint).step_by(s.joints).filter(|x| x.is_finite());
     let largest = all().fold(0.0f64, |a, x| a.max(x.abs()));
@@ -167,7 +167,7 @@ fn exchange(s: &Samples, at: &[f64], usual: Option<[f64; 2]>, laws: &mut [Option
     }
 }
 
-struct Found<'a> {
+struct CommandChannel<'a> {
     run: &'a Run,
     samples: &'a Samples,
     laws: Vec<Option<JointLaw>>,
@@ -175,7 +175,7 @@ struct Found<'a> {
     reading: CommandReading,
 }
 
-impl<'a> Found<'a> {
+impl<'a> CommandChannel<'a> {
     fn new(run: &'a Run, samples: &'a Samples, laws: Vec<Option<JointLaw>>) -> Self {
         let reading = CommandReading::plain(samples.joints);
         Self { run, samples, laws, findings: Vec::new(), reading }

@@ -40,10 +40,10 @@ fn main() -> Result<(), qv_sim::SimError> {
         Ok((kind, reported(&mut run)))
     };
     let all: Vec<_> = (0..arguments.plain).into_par_iter().map(plain).collect::<Result<_, qv_sim::SimError>>()?;
-    let told: Vec<_> = all.iter().filter(|(_, reported)| !reported.is_empty()).collect();
-    let [low, high] = interval(told.len(), all.len());
-    println!("without a mistake: {} of {} reported one ({low:.1} to {high:.1} %)", told.len(), all.len());
-    for (kind, reported) in &told {
+    let accused: Vec<_> = all.iter().filter(|(_, reported)| !reported.is_empty()).collect();
+    let [low, high] = interval(accused.len(), all.len());
+    println!("without a mistake: {} of {} reported one ({low:.1} to {high:.1} %)", accused.len(), all.len());
+    for (kind, reported) in &accused {
         println!("  {}: {}: {}", kind.name(), reported[0].0, reported[0].1);
     }
     let cases: Vec<_> = MISTAKES

@@ -45,7 +45,7 @@ pub const SIZES: usize = 3;
 
 /// A recording with a mistake, and what the first report of it must state.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Planted {
+pub struct MistakenRun {
     /// The recording.
     pub run: Run,
     /// Words of the first report.
@@ -54,7 +54,7 @@ pub struct Planted {
     pub joints: Vec<String>,
 }
 
-impl Planted {
+impl MistakenRun {
     /// Whether what was `reported` (channel and detail, first to last) names the mistake first, at the right joints.
     pub fn is_named_by(&self, reported: &[(String, String)]) -> bool {
         let Some(first) = reported.first().filter(|(_, detail)| detail.contains(self.words)) else { return false };
@@ -77,7 +77,7 @@ fn columns(series: &mut Option<JointSeries>, change: &mut dyn FnMut(&mut [f64]))
 ///
 /// # Errors
 /// The simulation cannot be made.
-pub fn plant(kind: RobotKind, mistake: Mistake, size: usize, seed: u64) -> Result<Planted, SimError> {
+pub fn plant(kind: RobotKind, mistake: Mistake, size: usize, seed: u64) -> Result<MistakenRun, SimError> {
     let mut draws = SplitMix64::of(seed, 77);
     let of = |three: [f64; SIZES]| three[size];
     // A latency undoes late stamps.
@@ -142,7 +142,7 @@ pub fn plant(kind: RobotKind, mistake: Mistake, size: usize, seed: u64) -> Resul
         }
     }
     let joints = joints.into_iter().map(|j| run.joint_names[j].clone()).collect();
-    Ok(Planted { run, words, joints })
+    Ok(MistakenRun { run, words, joints })
 }
 
 fn words(mistake: Mistake) -> &'static str {

@@ -4,7 +4,7 @@
 mod makes;
 mod robots;
 
-pub use makes::{MISTAKES, Mistake, Planted, SIZES, plant};
+pub use makes::{MISTAKES, Mistake, MistakenRun, SIZES, plant};
 pub use robots::{Firmware, Motors, ROBOTS, RobotKind, record};
 
 use qv_recording::Run;

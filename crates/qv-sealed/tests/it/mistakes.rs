@@ -3,7 +3,7 @@
 use qv_sealed::mistakes::{MISTAKES, Motors, ROBOTS, plant, record, reported};
 
 #[test]
-fn recordings_without_a_mistake_are_not_told_one() {
+fn recordings_without_a_mistake_have_no_report() {
     for (k, kind) in ROBOTS.into_iter().cycle().take(9).enumerate() {
         let mut run = record(kind, Motors::default(), 500 + k as u64).unwrap();
         assert_eq!(reported(&mut run), [], "{} {k}", kind.name());

@@ -134,7 +134,7 @@ pub fn read_stream(source: &mut dyn Read, length: u64) -> Result<SplatFile, Spla
     })
 }
 
-/// Gaussians that a convention can be told by.
+/// Gaussians that show a convention.
 const ENOUGH: usize = 20;
 
 /// Values that are hardly logarithms and logits: scales none of which is below a metre, opacities all from 0 to 1.
