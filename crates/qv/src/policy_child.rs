@@ -55,6 +55,11 @@ pub fn policy_at(path: &Path) -> Result<OnnxPolicy, RecordingError> {
         if Path::new(&name).file_name().is_none_or(|own| own != name.as_str()) {
             return Err(wrong(format!("weights in `{name}`, which is not beside it")));
         }
+        let ending = Path::new(&name).extension().and_then(OsStr::to_str).unwrap_or_default();
+        if !(ending.starts_with("data") || ending.starts_with("onnx_data")) {
+            let how = "export it with weights in a file that ends in .data or .onnx_data, or within the model";
+            return Err(wrong(format!("weights in `{name}`: {how}")));
+        }
         let beside = path.with_file_name(&name);
         let missing = |e: io::Error| file_error(&beside, &format!("the weights of {}", path.display()), &e.to_string());
         files.push((name, fs::read(&beside).map_err(missing)?));
