@@ -1,7 +1,6 @@
 //! The unit of depth images: frames that contradict each other in the stated unit, and agree in another.
 
 use glam::DVec3;
-use qv_core::statistics::median;
 use qv_mesh::DepthFrame;
 
 /// Factors on the stated unit that are tried: 1/5000 m of TUM for millimetres and the other way round, tenths, thousandths.
@@ -9,9 +8,11 @@ const FACTORS: [f64; 7] = [1.0, 5.0, 0.2, 10.0, 0.1, 1000.0, 0.001];
 /// Pairs of frames, and pixels of each, that are compared at most.
 const PAIRS: usize = 40;
 const PIXELS: usize = 400;
-/// Disagreement (median, share of the depth) from which on frames contradict each other, and up to which they agree.
-const CONTRADICTS: f64 = 0.03;
-const AGREES: f64 = 0.015;
+/// Difference of two depths of one place that contradicts, as a share of them: a plane alone agrees in any unit, what stands on it does not.
+const DIFFERS: f64 = 0.02;
+/// Share of pixels that differ from which on frames contradict each other, and share of that which may be left in the right unit.
+const CONTRADICTS: f64 = 0.04;
+const LEFT: f64 = 0.4;
 /// Pixels that must meet in all pairs together.
 const LEAST: usize = 200;
 
@@ -21,26 +22,26 @@ pub fn agree(frames: &mut [DepthFrame]) -> Option<String> {
     // Frames of which nothing meets in the stated unit contradict each other, too, if they meet and agree in another.
     let stated = found.iter().find(|(factor, _)| *factor == 1.0).map_or(1.0, |(_, off)| *off);
     let (factor, best) = found.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    if factor == 1.0 || stated < CONTRADICTS || best > AGREES || best > 0.3 * stated {
+    if factor == 1.0 || stated < CONTRADICTS || best > LEFT * stated {
         return None;
     }
     for frame in frames.iter_mut() {
         frame.depth.iter_mut().for_each(|d| *d *= factor as f32);
     }
     Some(format!(
-        "depths of different frames differ by {:.1} % in the stated unit and by {:.1} % in one {factor} times as large, which is taken",
+        "{:.0} % of the depths contradict those of other frames in the stated unit, {:.0} % in one {factor} times as large, which is taken",
         100.0 * stated,
         100.0 * best
     ))
 }
 
-/// Median difference of depths that two frames have of one place, as a share of it; `None` where too few meet.
+/// Share of the depths of two frames of one place that differ; `None` where too few meet.
 fn disagreement(frames: &[DepthFrame], factor: f64) -> Option<f64> {
     let step = (frames.len() / PAIRS).max(1);
     let apart = (frames.len() / 12).max(1);
     let pairs = (0..frames.len().saturating_sub(apart)).step_by(step);
-    let mut all: Vec<f64> = pairs.flat_map(|i| differences(&frames[i], &frames[i + apart], factor)).collect();
-    (all.len() >= LEAST).then(|| median(&mut all))
+    let all: Vec<f64> = pairs.flat_map(|i| differences(&frames[i], &frames[i + apart], factor)).collect();
+    (all.len() >= LEAST).then(|| all.iter().filter(|off| **off > DIFFERS).count() as f64 / all.len() as f64)
 }
 
 fn differences(one: &DepthFrame, other: &DepthFrame, factor: f64) -> Vec<f64> {
@@ -74,7 +75,7 @@ mod tests {
         let frame = |k: usize| {
             let turn = DQuat::from_rotation_z(0.15 * k as f64);
             let look = turn * DQuat::from_rotation_y(std::f64::consts::FRAC_PI_4) * axes();
-            let position = turn * DVec3::new(-1.0, 0.0, 1.2);
+            let position = turn * DVec3::new(-1.0, 0.0, 1.2 + 0.2 * (k % 3) as f64);
             let camera_from_world = Pose { position, rotation: look }.inverse();
             let camera = Camera { fx: 80.0, fy: 80.0, cx: 40.0, cy: 30.0, width: 80, height: 60, camera_from_world };
             let depth = |i: usize| {
