@@ -2,6 +2,7 @@
 
 use crate::CoreError;
 use glam::DVec3;
+use std::collections::HashMap;
 
 /// A surface material: what a label in a mesh stands for.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,7 +43,46 @@ pub struct TriangleMesh {
     pub materials: Vec<Material>,
 }
 
+/// Corners, edge by edge, of a triangle.
+fn edges([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
+    [[a, b], [b, c], [c, a]]
+}
+
 impl TriangleMesh {
+    /// Turns the faces of connected pieces that are wound the wrong way round: closed pieces inside out, and open ones most of whose area
+    /// looks down. Vertices of the same place count as one. Returns how many triangles were turned.
+    pub fn turn_outward(&mut self) -> usize {
+        let welded = self.welded();
+        let pieces = pieces(&welded);
+        let count = pieces.iter().copied().max().map_or(0, |last| last + 1);
+        let (mut volume, mut up, mut level) = (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
+        for (t, piece) in pieces.iter().enumerate() {
+            let [a, b, c] = self.corners(t);
+            let normal = (b - a).cross(c - a);
+            volume[*piece] += a.dot(b.cross(c));
+            up[*piece] += normal.z;
+            level[*piece] += normal.z.abs();
+        }
+        let open = open_pieces(&welded, &pieces, count);
+        let is_wrong = |k: usize| if open[k] { up[k] < -0.5 * level[k] } else { volume[k] < 0.0 };
+        let wrong: Vec<bool> = (0..count).map(is_wrong).collect();
+        let mut turned = 0;
+        for (triangle, _) in self.triangles.iter_mut().zip(&pieces).filter(|(_, piece)| wrong[**piece]) {
+            triangle.swap(1, 2);
+            turned += 1;
+        }
+        turned
+    }
+
+    /// Triangles with one index for all vertices of a place.
+    fn welded(&self) -> Vec<[u32; 3]> {
+        let mut known = HashMap::new();
+        let first: Vec<u32> = (0..self.vertices.len() as u32)
+            .map(|i| *known.entry(self.vertices[i as usize].to_array().map(|x| (x + 0.0).to_bits())).or_insert(i))
+            .collect();
+        self.triangles.iter().map(|t| t.map(|i| first[i as usize])).collect()
+    }
+
     /// Checks indices, lengths and finiteness.
     ///
     /// # Errors
@@ -76,6 +116,44 @@ impl TriangleMesh {
     }
 }
 
+/// The piece of each triangle, counted from 0: those that share a vertex are of one.
+fn pieces(triangles: &[[u32; 3]]) -> Vec<usize> {
+    let vertices = triangles.iter().flatten().max().map_or(0, |last| *last as usize + 1);
+    let mut parent: Vec<u32> = (0..vertices as u32).collect();
+    fn root(parent: &mut [u32], mut i: u32) -> u32 {
+        while parent[i as usize] != i {
+            parent[i as usize] = parent[parent[i as usize] as usize];
+            i = parent[i as usize];
+        }
+        i
+    }
+    for [a, b, c] in triangles {
+        let (a, b, c) = (root(&mut parent, *a), root(&mut parent, *b), root(&mut parent, *c));
+        parent[b as usize] = a;
+        let c = root(&mut parent, c);
+        parent[c as usize] = a;
+    }
+    let mut numbers = HashMap::new();
+    let mut number = |t: &[u32; 3]| {
+        let (root, next) = (root(&mut parent, t[0]), numbers.len());
+        *numbers.entry(root).or_insert(next)
+    };
+    triangles.iter().map(&mut number).collect()
+}
+
+/// Which pieces have an edge that one triangle alone has.
+fn open_pieces(triangles: &[[u32; 3]], pieces: &[usize], count: usize) -> Vec<bool> {
+    let mut sides: HashMap<[u32; 2], (usize, usize)> = HashMap::new();
+    for (t, piece) in triangles.iter().zip(pieces) {
+        for [a, b] in edges(*t) {
+            sides.entry([a.min(b), a.max(b)]).or_insert((*piece, 0)).1 += 1;
+        }
+    }
+    let mut open = vec![false; count];
+    sides.values().filter(|(_, n)| *n == 1).for_each(|(piece, _)| open[*piece] = true);
+    open
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -87,6 +165,32 @@ mod tests {
             labels: vec![0],
             materials: vec![Material { name: "grass".into(), friction: Some(0.6) }],
         }
+    }
+
+    #[test]
+    fn pieces_that_look_down_or_inward_are_turned() {
+        let plane = |up: bool| {
+            let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+            let vertices = corners.iter().map(|[x, y]| DVec3::new(*x, *y, 0.0)).collect();
+            let triangles = if up { vec![[0, 1, 2], [0, 2, 3]] } else { vec![[0, 2, 1], [0, 3, 2]] };
+            TriangleMesh { vertices, triangles, labels: vec![], materials: vec![] }
+        };
+        let (mut up, mut down) = (plane(true), plane(false));
+        assert_eq!((up.turn_outward(), down.turn_outward()), (0, 2));
+        assert!((0..2).all(|t| {
+            let [a, b, c] = down.corners(t);
+            (b - a).cross(c - a).z > 0.0
+        }));
+        // A closed body, mirrored, beside a plane that is right: vertices of one place are written for each triangle, as exporters do.
+        let corners = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|p| DVec3::from_array(p) + 5.0);
+        let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+        let mut both = plane(true);
+        for face in faces {
+            let first = both.vertices.len() as u32;
+            both.vertices.extend(face.map(|i: usize| corners[i] * DVec3::new(-1.0, 1.0, 1.0)));
+            both.triangles.push([first, first + 1, first + 2]);
+        }
+        assert_eq!((both.clone().turn_outward(), both.turn_outward(), both.turn_outward()), (4, 4, 0));
     }
 
     #[test]

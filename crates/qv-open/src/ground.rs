@@ -50,24 +50,42 @@ pub fn terrain_of(name: &str) -> Result<Terrain, RecordingError> {
     terrain_at(path, &mesh_at(path, "plane, or a .glb file")?)
 }
 
-/// Looks whether there is ground under the way of `run`: most of its poses lie above some.
+/// Height above the ground from which on a base is none of a robot that stands on it \[m\].
+const HIGHEST_BASE: f64 = 1.5;
+
+/// Looks whether there is ground under the way of `run`: most of its poses lie above some. Gives remarks: faces that were turned round, and
+/// ground that lies far below the poses.
 ///
 /// # Errors
 /// When most do not: the mesh lies elsewhere, or on its side.
-pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<(), RecordingError> {
+pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<Vec<String>, RecordingError> {
     const LOOKED_AT: usize = 200;
     // Where a pose stream begins is its own affair: a little above or below the ground it is counted from.
     const ABOVE: f64 = 1.0;
-    let Some(pose) = run.measured.base_pose.as_ref().filter(|p| !p.is_empty() && !terrain.is_plane()) else {
-        return Ok(());
-    };
+    let mut remarks = Vec::new();
+    if terrain.turned() > 0 {
+        remarks.push(format!(
+            "{} triangles of the ground looked down or into their body: they are turned round",
+            terrain.turned()
+        ));
+    }
+    let Some(pose) = run.measured.base_pose.as_ref().filter(|p| !p.is_empty()) else { return Ok(remarks) };
     let every = pose.len().div_ceil(LOOKED_AT);
     let places: Vec<&[f64]> = (0..pose.len()).step_by(every).map(|i| &pose.row(i)[..3]).collect();
     let is_bare =
         |p: &&&[f64]| p.iter().all(|x| x.is_finite()) && terrain.height_below(p[0], p[1], p[2] + ABOVE).is_none();
     let bare: Vec<&&[f64]> = places.iter().filter(is_bare).collect();
     if 2 * bare.len() <= places.len() {
-        return Ok(());
+        let over = |p: &&[f64]| Some(p[2] - terrain.height_below(p[0], p[1], p[2] + ABOVE)?);
+        let mut heights: Vec<f64> = places.iter().filter_map(over).collect();
+        let height = qv_core::statistics::median(&mut heights);
+        if height.is_finite() && !(0.0..=HIGHEST_BASE).contains(&height) {
+            remarks.push(format!(
+                "the ground lies {height:.2} m below the poses of the base (median): frames of ground and poses may differ; it is moved to \
+                 the feet"
+            ));
+        }
+        return Ok(remarks);
     }
     let range = |axis: usize| {
         let all = places.iter().map(|p| p[axis]).filter(|x| x.is_finite());

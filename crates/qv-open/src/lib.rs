@@ -32,6 +32,7 @@ mod model;
 mod recording;
 mod robot;
 mod table;
+pub mod unread;
 
 pub use calibration::{Calibration, calibration_of};
 pub use description::description_of;

@@ -5,6 +5,7 @@ use crate::error::file_error;
 use crate::foreign;
 use crate::model::robot_file;
 use crate::table::run_of_table;
+use crate::unread;
 use qv_recording::mapping::Mapping;
 use qv_recording::run::Loss;
 use qv_recording::{BagFile, RecordingError, Run, robots};
@@ -23,6 +24,8 @@ pub struct Reading {
     pub robot: Option<String>,
     /// First part of the topics of the robot that is read, where a recording has several.
     pub namespace: Option<String>,
+    /// Whether commands are read as what is found in their conventions says ([`qv_recording::commanded::fix`]).
+    pub fix: bool,
 }
 
 /// Reported the bytes that have been read and those there are.
@@ -50,6 +53,12 @@ impl<R: Read> Read for CountingReader<'_, R> {
 /// # Errors
 /// When there is no such file, or nothing usable in it.
 pub fn open_run(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {
+    let mut run = open_logged(path, reading, seen)?;
+    qv_recording::frames::report_mount(&mut run);
+    Ok(if reading.fix { qv_recording::frames::fix(qv_recording::commanded::fix(run)) } else { run })
+}
+
+fn open_logged(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {
     let metadata = fs::metadata(path).map_err(|e| file_error(path, "a recording", &e.to_string()))?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     // A table that somebody made of such a folder goes before it.
@@ -65,12 +74,22 @@ pub fn open_run(path: &Path, reading: &Reading, seen: ReadProgress) -> Result<Ru
         (false, "csv") => open_table(path, seen),
         (false, "bag") => open_bag(&[path.to_path_buf()], reading, seen),
         (false, _) if is_bag(path) => open_bag(&[path.to_path_buf()], reading, seen),
+        (false, _) if named_at(path).is_some() => {
+            Err(file_error(path, "a bag, a table or a dataset", named_at(path).unwrap_or_default()))
+        }
         (false, _) => Err(file_error(
             path,
             "a bag (.mcap, .db3, either with .zstd), a .csv file, a .parquet file of a LeRobot dataset, or a directory",
             &format!("`.{extension}`"),
         )),
     }
+}
+
+/// What a file is that is not read.
+fn named_at(path: &Path) -> Option<&'static str> {
+    let mut head = Vec::new();
+    File::open(path).ok()?.take(unread::HEAD as u64).read_to_end(&mut head).ok()?;
+    unread::named(&head)
 }
 
 fn open_bag(paths: &[PathBuf], reading: &Reading, seen: ReadProgress) -> Result<Run, RecordingError> {

@@ -28,7 +28,7 @@ pub fn open(
     pose_topic: Option<String>,
     namespace: Option<String>,
 ) -> PyResult<Recording> {
-    let reading = Reading { pose_topic, robot: robot.clone(), namespace };
+    let reading = Reading { pose_topic, robot: robot.clone(), namespace, fix: false };
     let run = py.detach(|| qv_open::open_run(&path, &reading, &|_, _| {})).map_err(opening)?;
     Ok(Recording { run, path, robot })
 }

@@ -108,7 +108,7 @@ pub fn diagnose<'py>(
     let count = recordings.len();
     let mut runs: Vec<Run> = recordings.iter().chain(&reference).map(|r| r.run.clone()).collect();
     let files = wait(py, progress.as_ref(), move |reporter| {
-        runs[..count].iter().try_for_each(|run| ground::check_ground(run, &terrain)).map_err(opening)?;
+        runs[..count].iter().try_for_each(|run| ground::check_ground(run, &terrain).map(drop)).map_err(opening)?;
         let given = expand(&model, &terrain, &parameters).map_err(|e| opening(e.into()))?;
         find_gains(&mut runs, &model, &terrain, &given).map_err(|e| opening(e.into()))?;
         let reference = runs.split_off(count);

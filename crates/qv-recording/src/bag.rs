@@ -1,5 +1,6 @@
 //! ROS 2 bags become runs: streams chosen, clocks joined, channels filled.
 
+use crate::bursts::even_out;
 use crate::choose::{TopicChoice, choose_robot, choose_streams};
 use crate::clean::{Samples, columns, median_interval, put_in_order};
 use crate::container::read_messages;
@@ -65,6 +66,11 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     let jumps = join_clocks(&mut collector.topics);
     let TopicChoice { topics: chosen, namespace, remarks } = choose_streams(&collector, namespace, &lost, &mut faults)?;
     let clocks: Vec<Clock> = collector.topics.iter_mut().map(choose_clock).collect();
+    let mut evened = Vec::new();
+    for (topic, clock) in collector.topics.iter_mut().zip(&clocks) {
+        let stamps = if *clock == Clock::Header { &mut topic.stamps } else { &mut topic.logged };
+        evened.extend(even_out(stamps).map(|how| format!("{}: {how}", topic.info.topic)));
+    }
     let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
     let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
     for (place, jump, topic) in jumps {
@@ -75,6 +81,7 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     let sources = sources(&collector.topics, &clocks, &chosen, epoch);
     let mut run = empty_run(mapping, epoch as u64, sources);
     (run.lost, run.remarks) = (lost, remarks);
+    run.remarks.extend(evened);
     if let Some(named) = collector.topics[states].named.as_ref().filter(|_| mapping.joint_names.is_empty()) {
         run.joint_names = named.all_names();
         run.joint_parameters = vec![Default::default(); run.joint_names.len()];

@@ -5,9 +5,11 @@
 //! in that convention is ([`read_in_ours`]), the rest is left out, and so are channels that lack too much.
 
 use crate::clean::median_interval;
+use crate::commanded::{self, Analysis, Check};
 use crate::derive::{joint_filter, joint_velocity, shorter_turn};
 use crate::frozen::replace;
 use crate::run::{ActuatorKind, Fault, FaultKind, Run};
+use crate::slopes::{Fit, Reading, SAME, convention, fit};
 use glam::{DQuat, DVec3};
 use qv_core::statistics::median;
 use qv_core::{GRAVITY, JointSeries};
@@ -15,8 +17,6 @@ use std::borrow::Cow;
 
 /// No walking robot's trunk moves faster \[m/s\].
 pub const FASTEST_BASE: f64 = 10.0;
-/// Correlation from which on two channels say the same.
-const SAME: f64 = 0.8;
 /// Share of the time with joint positions that a channel may lack: with more it costs more of the recording than it shows.
 const MOST_LACKING: f64 = 0.5;
 /// Samples that are compared, at most.
@@ -30,25 +30,6 @@ const HEIGHTS: std::ops::Range<f64> = 0.2..0.5;
 /// Time over which the base's turn is compared with the gyroscope's mean \[s\].
 const TURN: f64 = 0.05;
 
-/// How two channels go together.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Fit {
-    /// What one is of the other: least squares through the origin.
-    slope: f64,
-    correlation: f64,
-}
-
-/// `None` where `expected` stays below `least`.
-pub(crate) fn fit(pairs: &[(f64, f64)], least: f64) -> Option<Fit> {
-    let known: Vec<(f64, f64)> = pairs.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    for (expected, found) in &known {
-        (xx, xy, yy) = (xx + expected * expected, xy + expected * found, yy + found * found);
-    }
-    let moves = known.len() > 50 && xx / known.len() as f64 > least * least && yy > 0.0;
-    moves.then(|| Fit { slope: xy / xx, correlation: xy / (xx * yy).sqrt() })
-}
-
 /// A channel of another convention.
 struct Foreign {
     /// `velocity NAME`, `torque NAME`, `gyro x`, `orientation`, `base pose` or `acceleration`.
@@ -59,47 +40,12 @@ struct Foreign {
     reading: Reading,
 }
 
-/// How values become those of this crate's convention.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Reading {
-    /// Times this.
-    Scaled(f64),
-    /// Quaternions of x, y, z, w.
-    ScalarLast,
-    /// Quaternions of w, x, y, z that were taken for x, y, z, w.
-    ScalarFirst,
-    /// Quaternions of the other direction.
-    Inverse,
-    /// Nobody knows.
-    Unknown,
-}
-
-/// What convention a slope is of; `None` for this crate's own, and for what is none.
-pub(crate) fn convention(fit: Fit) -> Option<(String, Reading)> {
-    if fit.correlation.abs() < SAME {
-        return None;
-    }
-    let (size, sign) = (fit.slope.abs(), fit.slope.signum());
-    let near = |x: f64| (size / x).ln().abs() < 0.3;
-    let degrees = 180.0 / std::f64::consts::PI;
-    let (unit, reading) = if near(degrees) {
-        ("degrees", Reading::Scaled(sign / degrees))
-    } else if near(1e3) {
-        ("thousandths of the unit", Reading::Scaled(sign * 1e-3))
-    } else if !(0.2..5.0).contains(&size) {
-        ("another unit", Reading::Unknown)
-    } else if sign < 0.0 {
-        ("the sign is turned", Reading::Scaled(-1.0))
-    } else {
-        return None;
-    };
-    Some((format!("{:.3} times what was expected: {unit}", fit.slope), reading))
-}
-
 /// All channels of another convention.
-fn foreign(run: &Run) -> Vec<Foreign> {
+fn foreign(run: &Run, commands: &Analysis) -> Vec<Foreign> {
     let lacking = lacking(run);
-    let mut found = foreign_joints(run);
+    // Torques are judged by commands that are read right.
+    let mended = commanded::mended(run, commands);
+    let mut found = foreign_joints(mended.as_ref().unwrap_or(run));
     found.extend(foreign_turning(run));
     let m = &run.measured;
     let trunk = [
@@ -186,7 +132,7 @@ fn foreign_joints(run: &Run) -> Vec<Foreign> {
 }
 
 /// All that is found, as faults.
-pub(crate) fn faults(run: &Run) -> Vec<Fault> {
+pub(crate) fn faults(run: &Run, commands: &Analysis) -> Vec<Fault> {
     let start = run.span()[0];
     let fault = |f: Foreign| {
         let detail = match f.reading {
@@ -195,7 +141,34 @@ pub(crate) fn faults(run: &Run) -> Vec<Fault> {
         };
         Fault { kind: FaultKind::Convention, channel: f.channel, time: start, count: 1, detail }
     };
-    foreign(run).into_iter().map(fault).collect()
+    foreign(run, commands).into_iter().map(fault).collect()
+}
+
+/// What each channel was compared with and what came of it: the commands first. Takes the faults of `run` as they were found when it was
+/// read.
+pub fn table(run: &Run) -> Vec<Check> {
+    let mut checks = commanded::analyse(run).checks;
+    let m = &run.measured;
+    let looks: [(&str, bool, &str); 6] = [
+        ("velocity", m.velocity.is_some(), "velocities against slopes of positions"),
+        ("torque", m.torque.is_some() && run.commands.position.is_some(), "torques against gains times errors"),
+        ("orientation", m.orientation.is_some() && m.gyro.is_some(), "attitude against the gyroscope"),
+        ("gyro", m.gyro.is_some(), "gyroscope against the attitude"),
+        ("acceleration", m.acceleration.is_some(), "acceleration against gravity"),
+        ("base pose", m.base_pose.is_some(), "speed and turning of the base"),
+    ];
+    for (channel, _, name) in looks.into_iter().filter(|look| look.1) {
+        let is_of =
+            |f: &&Fault| f.kind == FaultKind::Convention && f.channel.split(' ').next() == channel.split(' ').next();
+        let found: Vec<&Fault> = run.faults.iter().filter(is_of).collect();
+        let what = match found.first() {
+            None => "as expected".into(),
+            Some(first) if found.len() == 1 => format!("{}: {}", first.channel, first.detail),
+            Some(first) => format!("{}: {}, and {} more", first.channel, first.detail, found.len() - 1),
+        };
+        checks.push(Check { name: name.into(), found: what, is_ours: Some(found.is_empty()) });
+    }
+    checks
 }
 
 /// The run in this crate's convention. What no reading is known for is left out: torques are gaps, velocities those of the positions; its
@@ -204,7 +177,15 @@ pub fn read_in_ours(mut run: Run) -> Run {
     if run.faults.iter().all(|f| f.kind != FaultKind::Convention) {
         return run;
     }
-    for one in foreign(&run) {
+    let commands = commanded::analyse(&run);
+    if run
+        .faults
+        .iter()
+        .any(|f| f.kind == FaultKind::Convention && f.channel == "acceleration" && f.detail.ends_with("left out"))
+    {
+        run.measured.acceleration = None;
+    }
+    for one in foreign(&run, &commands) {
         one.read(&mut run);
         if one.reading != Reading::Unknown {
             run.faults.retain(|f| f.kind != FaultKind::Convention || f.channel != one.channel);
@@ -242,18 +223,6 @@ impl Foreign {
                 series.values.iter_mut().skip(columns.start).step_by(series.joints).for_each(|x| *x = f64::NAN);
             }
             _ => *slot = None,
-        }
-    }
-}
-
-impl Reading {
-    fn of(self, values: &mut [f64]) {
-        match self {
-            Self::Scaled(by) => values.iter_mut().for_each(|x| *x *= by),
-            Self::ScalarLast => values.rotate_right(1),
-            Self::ScalarFirst => values.rotate_left(1),
-            Self::Inverse => values[1..].iter_mut().for_each(|x| *x = -*x),
-            Self::Unknown => {}
         }
     }
 }

@@ -5,7 +5,7 @@ pub use crate::conventions::FASTEST_BASE;
 use crate::frozen::frozen_channels;
 use crate::mapping::Mapping;
 use crate::run::{Clock, Fault, FaultKind, Run};
-use crate::{commanded, conventions};
+use crate::{commanded, conventions, frames};
 use qv_core::JointSeries;
 use qv_core::statistics::median;
 use std::f64::consts::TAU;
@@ -63,8 +63,13 @@ pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
     frozen(run, &mut faults);
     // Where positions are not radians, nothing can be judged by them.
     if faults.iter().all(|f| f.kind != FaultKind::DegreesSuspected) {
-        faults.extend(conventions::faults(run));
-        faults.extend(commanded::faults(run));
+        let commands = commanded::analyse(run);
+        faults.extend(commanded::faults(run, &commands));
+        let channels = conventions::faults(run, &commands);
+        // A channel is named once.
+        let is_new = |f: &Fault| !channels.iter().any(|known| known.channel.starts_with(&f.channel));
+        faults.extend(frames::faults(run).into_iter().filter(is_new));
+        faults.extend(channels);
     }
     if let Some(pose) = &m.base_pose {
         jumps("base pose", pose, 0..3, FASTEST_BASE, 0.2, &mut faults);

@@ -8,10 +8,11 @@ pub use {glam, qv_core};
 
 mod bag;
 mod bounds;
+mod bursts;
 pub mod cdr;
 mod choose;
 mod clean;
-mod commanded;
+pub mod commanded;
 pub mod container;
 pub mod conventions;
 pub mod definitions;
@@ -22,6 +23,7 @@ mod error;
 mod facts;
 pub mod faults;
 pub mod foreign;
+pub mod frames;
 pub mod frozen;
 mod gains;
 pub mod gaps;
@@ -35,6 +37,7 @@ pub mod plan;
 pub mod robots;
 pub mod run;
 pub mod schema;
+mod slopes;
 pub mod smooth;
 #[cfg(feature = "sqlite")]
 mod sqlite;

@@ -40,8 +40,11 @@ fn flatten(table: &toml::Table, prefix: &str, found: &mut Vec<(String, f64)>) ->
 pub fn joint_columns(run: &Run, model: &Model) -> Result<(Vec<usize>, bool), RolloutError> {
     if let Some(fault) = run.faults.iter().find(|f| f.kind == FaultKind::DegreesSuspected) {
         // A table can say so; a bag's messages are in radians by their definitions.
-        let found =
-            format!("{}: {} (position_unit = \"deg\" in run.toml, where they are)", fault.channel, fault.detail);
+        let found = format!(
+            "{}: {} (position_unit = \"deg\" in run.toml, where they are degrees; of a LeRobot dataset they may be \
+             -100..100 of a calibration: scale and offset of [dataset.joint.NAME] are its own)",
+            fault.channel, fault.detail
+        );
         return Err(RolloutError::run("positions", "radians", found));
     }
     let mut columns = Vec::new();

@@ -9,6 +9,7 @@
 mod draw;
 mod effects;
 mod engine;
+pub mod mistakes;
 mod mixed;
 mod plant;
 mod recipe;

@@ -3,6 +3,7 @@
 use crate::Failure;
 use crate::outcome::about;
 use crate::scene::{OpenCameras, document, find_cameras, find_file, folders_of};
+use glam::DVec3;
 use qv_splat::captures::{Capture, colmap_points};
 use qv_splat::files::{Points, points};
 use std::fs;
@@ -16,6 +17,8 @@ pub struct OpenCapture {
     pub points: Option<Points>,
     /// Whether its poses come from COLMAP.
     pub is_by_colmap: bool,
+    /// What was taken off all positions, as of a map's coordinates \[m\].
+    pub origin: Option<DVec3>,
 }
 
 /// Opens a `transforms.json`, a folder that holds one, a COLMAP project or an RGB-D folder.
@@ -24,10 +27,15 @@ pub fn open_capture(path: &Path) -> Result<OpenCapture, Failure> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let (points, lost) = points_of(path, folder, model.as_deref())?;
     capture.lost.extend(lost);
+    let origin = capture.move_near();
+    if let (Some(_), Some(_)) = (origin, &points) {
+        capture.lost.push("points to begin with, which lie too far from the origin for 32 bits".into());
+    }
     Ok(OpenCapture {
+        origin,
         capture,
         folders: folders_of(folder),
-        points: points.filter(|points| !points.places.is_empty()),
+        points: points.filter(|points| !points.places.is_empty() && origin.is_none()),
         is_by_colmap: model.is_some() || is_by_colmap(path, folder),
     })
 }

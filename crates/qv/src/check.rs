@@ -124,6 +124,9 @@ fn look_at(path: &Path) -> Result<FileReport, Failure> {
     if ends(&[".json"]) {
         return capture(path);
     }
+    if let Some(what) = qv_open::unread::named(&head) {
+        return Err(about(path, format!("expected a file that qv reads, found {what}")));
+    }
     let expected = "expected a recording (.mcap, .db3, .csv, .parquet), a robot (URDF), a capture (transforms.json), a scene (.ply, .spz, .glb, \
         .gltf, .splat), a terrain (.glb, .ply) or a policy (.onnx)";
     Err(about(path, format!("{expected}, found none of them")))
@@ -266,7 +269,10 @@ fn terrain(path: &Path) -> Result<FileReport, Failure> {
         missing.push("labels of several materials, for qv contact".into());
     }
     let used = format!("{} triangles, {} materials", mesh.triangles.len(), mesh.materials.len());
-    Ok(FileReport { kind: "terrain", used, missing, ..Default::default() })
+    let turned = mesh.clone().turn_outward();
+    let remark = format!("{turned} triangles look down or into their body: commands that simulate turn them round");
+    let remarks = if turned > 0 { vec![remark] } else { vec![] };
+    Ok(FileReport { kind: "terrain", used, missing, remarks, ..Default::default() })
 }
 
 fn capture(path: &Path) -> Result<FileReport, Failure> {
@@ -308,8 +314,7 @@ fn policy(path: &Path) -> Result<FileReport, Failure> {
 
 #[cfg(feature = "learn")]
 fn policy(path: &Path) -> Result<FileReport, Failure> {
-    let bytes = fs::read(path).map_err(|e| about(path, format!("expected an ONNX file, found {e}")))?;
-    let policy = policy_child::policy(&bytes).map_err(|e| about(path, e))?;
+    let policy = policy_child::policy_at(path)?;
     let size = |size: &Option<usize>| size.map_or("?".to_string(), |size| size.to_string());
     let list = |all: &[TensorInfo]| {
         let one = |info: &TensorInfo| {

@@ -3,7 +3,8 @@
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{
-    file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, urdf_of, write_error,
+    check_joints, file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, urdf_of,
+    write_error,
 };
 use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
@@ -127,7 +128,11 @@ impl Diagnose {
         };
         let model = model_of(&runs[0], &self.runs[0], self.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
-        runs.iter().try_for_each(|run| check_ground(run, &terrain))?;
+        for run in &mut runs {
+            let remarks = check_ground(run, &terrain)?;
+            run.remarks.extend(remarks);
+            check_joints(run, &model, &terrain, self.reading.fix)?;
+        }
         let effects = diagnosis::effects(self.library.as_deref())?;
         diagnosis::check_without(&self.without, &effects, &EFFECTS.each_ref().map(|e| e.name))?;
         let ground_error = diagnosis::ground_error(self.ground_error, &self.terrain)?;
@@ -333,9 +338,25 @@ fn joint_rms([before, after]: [f64; 2]) -> String {
     if before.is_nan() { String::new() } else { format!("; joints {:.2} -> {:.2} mrad", 1e3 * before, 1e3 * after) }
 }
 
+/// Mistakes in the commands or joints, which go before any physical cause: with them nothing else is to be believed.
+fn first_lead(report: &Report) -> String {
+    let is_mistake = |line: &&String| {
+        let kind = line.split([' ', ':']).next().unwrap_or_default();
+        ["commands", "joint", "torques", "imu"].contains(&kind)
+            && (line.contains("--fix") || line.contains("two programs"))
+    };
+    let found: Vec<&str> = report.cannot_tell.iter().filter(is_mistake).map(String::as_str).collect();
+    match found[..] {
+        [] => String::new(),
+        [first] => format!("conventions first: {first}\n"),
+        [first, ..] => format!("conventions first: {first}; and {} more (qv inspect)\n", found.len() - 1),
+    }
+}
+
 fn summary(report: &Report) -> String {
     let gap = &report.gap;
-    let mut text = format!("{}\n\n", report.sentence);
+    let mut text = first_lead(report);
+    text += &format!("{}\n\n", report.sentence);
     text += &format!(
         "normalized error {:.2} -> {:.2}, noise floor {:.2}; removed {:.0} % ({:.0} to {:.0}){}\n",
         gap.before,

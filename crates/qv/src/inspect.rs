@@ -4,6 +4,8 @@ use crate::can_tell::RecordingRequest;
 use crate::open::open_run;
 use crate::{Outcome, RunArguments, say};
 use qv_core::JointSeries;
+use qv_recording::commanded::Check;
+use qv_recording::conventions::table;
 use qv_recording::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Source};
 use qv_recording::{RecordingError, derive, median_interval};
 use serde_json::{Value, json};
@@ -138,6 +140,7 @@ fn screen(run: &Run) -> String {
         text += &stream_line(s, width);
     }
     text += &channel_lines(&channels(run));
+    text += &convention_lines(&table(run));
     for remarks in &run.remarks {
         text += &fold("  ", remarks);
     }
@@ -167,6 +170,20 @@ fn channel_lines(rows: &[Row]) -> String {
         if let Some(how) = &row.derived {
             text += &fold("  ", &format!("{}, derived: {how}", row.name));
         }
+    }
+    text
+}
+
+/// A line for each comparison of channels.
+fn convention_lines(checks: &[Check]) -> String {
+    let mut text = if checks.is_empty() { String::new() } else { "\nconventions\n".to_string() };
+    for check in checks {
+        let mark = match check.is_ours {
+            Some(true) => "ok",
+            Some(false) => "! ",
+            None => "- ",
+        };
+        text += &fold(&format!("  {mark} {:<40}", check.name), &check.found);
     }
     text
 }
@@ -284,6 +301,7 @@ fn to_json(run: &Run) -> Value {
         "decoded_bytes": run.bytes(),
         "streams": run.sources,
         "channels": channels,
+        "conventions": table(run),
         "faults": run.faults,
         "lost": run.lost,
         "remarks": run.remarks,

@@ -9,6 +9,7 @@ mod colmap;
 mod config;
 mod contact;
 mod demo;
+mod depth_unit;
 mod diagnose;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]

@@ -8,7 +8,7 @@ pub use qv_open::{
     bag_files, beyond_range, file_error, lost_from, model_named, model_of, read_model, read_urdf, remarks_of, urdf_of,
     write_error,
 };
-use qv_recording::run::GainSource;
+use qv_recording::run::{Fault, FaultKind, GainSource};
 use qv_recording::{RecordingError, Run};
 use qv_sim::{Model, Terrain};
 use std::path::Path;
@@ -19,7 +19,8 @@ use std::path::Path;
 /// When there is no such file, or nothing usable in it.
 pub fn open_run(arguments: &RunArguments) -> Result<Run, RecordingError> {
     let asked = arguments.reading.clone();
-    let reading = Reading { pose_topic: asked.pose_topic, robot: asked.robot, namespace: asked.namespace };
+    let reading =
+        Reading { pose_topic: asked.pose_topic, robot: asked.robot, namespace: asked.namespace, fix: asked.fix };
     let bar = progress(0, "reading");
     let seen = |done, total| {
         bar.set_length(total);
@@ -28,6 +29,30 @@ pub fn open_run(arguments: &RunArguments) -> Result<Run, RecordingError> {
     let run = qv_open::open_run(&arguments.run, &reading, &seen);
     bar.finish_and_clear();
     run
+}
+
+/// Looks for a joint that is turned round or exchanged with another in all channels: a fault of `run`, or with `--fix` read without it.
+pub fn check_joints(run: &mut Run, model: &Model, terrain: &Terrain, fix: bool) -> Result<(), RecordingError> {
+    let options = qv_replay::ReplayOptions::default();
+    // What cannot be replayed is said where it is replayed.
+    let Ok(Some(found)) = qv_replay::mistaken_joints(run, model, terrain, &options) else { return Ok(()) };
+    let (what, line) = (found.mistake.words(&run.joint_names), found.mistake.lines(&run.joint_names));
+    let errors =
+        format!("windows are {:.1} mrad off as recorded, {:.1} mrad so", 1e3 * found.before, 1e3 * found.after);
+    if fix {
+        found.mistake.undo(run);
+        run.remarks.push(format!("{what} ({errors}); read so (--fix): {line}"));
+        return Ok(());
+    }
+    let detail = format!("{what} ({errors}); run.toml: {line} (or --fix)");
+    run.faults.push(Fault {
+        kind: FaultKind::Convention,
+        channel: "joint".into(),
+        time: run.span()[0],
+        count: 1,
+        detail,
+    });
+    Ok(())
 }
 
 /// Finds gains that are stated as unknown (see [`qv_replay::find_gains`]), with a sign of life.

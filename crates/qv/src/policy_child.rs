@@ -5,11 +5,15 @@
 //! part after its length; all numbers are little-endian.
 
 use crate::Failure;
+use crate::open::file_error;
 use qv_policy::onnx::reader::{ReadModel, Step, TensorInfo};
 use qv_policy::onnx::{OnnxError, OnnxPolicy};
+use qv_recording::RecordingError;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
+use std::fs;
 use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout};
 #[cfg(not(test))]
 use std::process::{Command, Stdio};
@@ -33,12 +37,39 @@ struct Signature {
     outputs: Vec<TensorInfo>,
 }
 
-/// A policy that runs in a process of its own.
+/// The policy of a file, with the weights that lie in files beside it.
 ///
 /// # Errors
-/// As [`OnnxPolicy::from_bytes`], and where the model takes too much memory or time.
+/// There is no such file, or none beside it that it names; else as [`OnnxPolicy::from_bytes`], and where the model takes too much memory or
+/// time.
+pub fn policy_at(path: &Path) -> Result<OnnxPolicy, RecordingError> {
+    let wrong = |found: String| file_error(path, "a policy in ONNX", &found);
+    let bytes = fs::read(path).map_err(|e| wrong(e.to_string()))?;
+    if let Some(what) = qv_open::unread::named(&bytes[..bytes.len().min(qv_open::unread::HEAD)]) {
+        return Err(wrong(what.to_string()));
+    }
+    let names = qv_policy::onnx::external_files(&bytes).map_err(|e| wrong(e.to_string()))?;
+    let mut files = Vec::new();
+    for name in names {
+        // A file of anybody names no other than those in its own folder.
+        if Path::new(&name).file_name().is_none_or(|own| own != name.as_str()) {
+            return Err(wrong(format!("weights in `{name}`, which is not beside it")));
+        }
+        let ending = Path::new(&name).extension().and_then(OsStr::to_str).unwrap_or_default();
+        if !(ending.starts_with("data") || ending.starts_with("onnx_data")) {
+            let how = "export it with weights in a file that ends in .data or .onnx_data, or within the model";
+            return Err(wrong(format!("weights in `{name}`: {how}")));
+        }
+        let beside = path.with_file_name(&name);
+        let missing = |e: io::Error| file_error(&beside, &format!("the weights of {}", path.display()), &e.to_string());
+        files.push((name, fs::read(&beside).map_err(missing)?));
+    }
+    policy(&bytes, &files).map_err(|e| wrong(e.to_string()))
+}
+
+/// A policy that runs in a process of its own.
 #[cfg(not(test))]
-pub fn policy(bytes: &[u8]) -> Result<OnnxPolicy, OnnxError> {
+fn policy(bytes: &[u8], files: &[(String, Vec<u8>)]) -> Result<OnnxPolicy, OnnxError> {
     let failed = |e: io::Error| OnnxError::Load(format!("no process to run it in: {e}"));
     let program = std::env::current_exe().map_err(failed)?;
     let mut command = Command::new(program);
@@ -51,7 +82,9 @@ pub fn policy(bytes: &[u8]) -> Result<OnnxPolicy, OnnxError> {
         return Err(OnnxError::Load("no pipe to the process that runs it".into()));
     };
     let mut elsewhere = Elsewhere { child, input: BufWriter::new(input), output: BufReader::new(output) };
-    let said = elsewhere.ask(&[bytes]).map_err(OnnxError::Load)?;
+    let beside = files.iter().flat_map(|(name, contents)| [name.as_bytes(), contents.as_slice()]);
+    let parts: Vec<&[u8]> = [bytes].into_iter().chain(beside).collect();
+    let said = elsewhere.ask(&parts).map_err(OnnxError::Load)?;
     let signature: Signature = said
         .first()
         .and_then(|text| serde_json::from_slice(text).ok())
@@ -61,8 +94,10 @@ pub fn policy(bytes: &[u8]) -> Result<OnnxPolicy, OnnxError> {
 
 /// The program of a test is no other than itself.
 #[cfg(test)]
-pub fn policy(bytes: &[u8]) -> Result<OnnxPolicy, OnnxError> {
-    OnnxPolicy::from_bytes(bytes)
+fn policy(bytes: &[u8], files: &[(String, Vec<u8>)]) -> Result<OnnxPolicy, OnnxError> {
+    let model = ReadModel::with_files(bytes, files)?;
+    let (inputs, outputs) = (model.inputs().to_vec(), model.outputs().to_vec());
+    OnnxPolicy::of(Box::new(model), inputs, outputs)
 }
 
 /// The process, as its parent has it.
@@ -119,11 +154,15 @@ pub fn is_child() -> bool {
 /// The parent is gone.
 pub fn serve() -> Result<(), Failure> {
     let (mut input, mut output) = (BufReader::new(io::stdin().lock()), BufWriter::new(io::stdout().lock()));
-    let (_, model) = receive(&mut input)?;
-    let model = model.concat();
-    limit_memory(MEMORY + MEMORY_OF_BYTE * model.len() as u64)?;
+    let (_, mut parts) = receive(&mut input)?;
+    let bytes: usize = parts.iter().map(Vec::len).sum();
+    let beside = if parts.is_empty() { Vec::new() } else { parts.split_off(1) };
+    let model = parts.concat();
+    let files: Vec<(String, Vec<u8>)> =
+        beside.chunks_exact(2).map(|pair| (String::from_utf8_lossy(&pair[0]).into_owned(), pair[1].clone())).collect();
+    limit_memory(MEMORY + MEMORY_OF_BYTE * bytes as u64)?;
     limit_time()?;
-    let mut loaded = match ReadModel::from_bytes(&model) {
+    let mut loaded = match ReadModel::with_files(&model, &files) {
         Ok(loaded) => loaded,
         Err(error) => return Ok(send(&mut output, 1, &[reason(&error).as_bytes()])?),
     };

@@ -143,7 +143,7 @@ impl Reconstruct {
         output::remove(&self.out.join(UNFINISHED));
         let metrics = json!({
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
-            "finished": finished, "gaussians": model.cloud.len(), "loss": loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
+            "finished": finished, "gaussians": model.cloud.len(), "loss": loss, "origin": opened.origin.map(|o| o.to_array()), "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "times_ms": times}, "photographs": dataset.training.len(), "began_at_points": at_points,
             "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(&depths), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "antialias": dataset.antialias, "steps_asked": self.iterations, "transients": words::of_masks(&model.masks),

@@ -4,7 +4,8 @@ use crate::ground::{check_ground, terrain_of};
 use crate::inspect::known;
 use crate::numbers::within;
 use crate::open::{
-    beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, write_error,
+    beyond_range, check_joints, file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of,
+    write_error,
 };
 use crate::output::{make_folder, put, stream};
 use crate::progress::spinner;
@@ -58,7 +59,8 @@ impl Replay {
         let mut run = open_run(&self.run)?;
         let model = model_of(&run, &self.run.run, self.run.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
-        check_ground(&run, &terrain)?;
+        run.remarks.extend(check_ground(&run, &terrain)?);
+        check_joints(&mut run, &model, &terrain, self.run.reading.fix)?;
         let options = ReplayOptions {
             window: self.window,
             parameters: parameters_of(self.params.as_deref(), &model, &terrain)?,

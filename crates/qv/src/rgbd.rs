@@ -1,6 +1,7 @@
 //! Depth images on disk: folders of RGB-D frames, and captures whose `transforms.json` names depth images.
 
 use crate::Failure;
+use crate::depth_unit;
 use crate::outcome::about;
 use crate::scene::{document, find_file, open_cameras, rgbd_layout};
 use image::DynamicImage;
@@ -8,6 +9,7 @@ use indicatif::ProgressBar;
 use qv_core::{Camera, Pose};
 use qv_mesh::DepthFrame;
 use qv_mesh::planes::RenderedFrame;
+use qv_splat::captures::nerfstudio::DEPTH_KEYS;
 use qv_splat::captures::pictures;
 use qv_splat::captures::rgbd::{DEPTH_FOCAL, SIZE};
 use serde_json::Value;
@@ -40,13 +42,17 @@ pub fn holds_depth(folder: &Path) -> bool {
 /// # Errors
 /// What all frames need is missing. Single frames that cannot be read are in `lost`.
 pub fn open(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
-    if has_depth_paths(folder) {
+    let mut capture = if has_depth_paths(folder) {
         open_transforms(folder, bar)
     } else if depth_files(folder).is_empty() && rgbd_layout(folder).is_some() {
         open_layout(folder, bar)
     } else {
         open_frames(folder, bar)
+    }?;
+    if let Some(remark) = depth_unit::agree(&mut capture.frames) {
+        crate::progress::remark(&format!("{}: {remark}", folder.display()));
     }
+    Ok(capture)
 }
 
 /// Depth of the folders of TUM, Redwood and ScanNet.
@@ -90,7 +96,7 @@ fn transforms(folder: &Path) -> Option<Value> {
 
 fn has_depth_paths(folder: &Path) -> bool {
     let frames = transforms(folder).and_then(|document| document.get("frames")?.as_array().cloned());
-    frames.is_some_and(|frames| frames.iter().any(|frame| frame.get("depth_file_path").is_some()))
+    frames.is_some_and(|frames| frames.iter().any(|frame| DEPTH_KEYS.iter().any(|key| frame.get(key).is_some())))
 }
 
 fn open_frames(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
@@ -170,7 +176,9 @@ fn open_transforms(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Fai
         bar.inc(1);
         let file = |key: &str| document["frames"][index].get(key).and_then(Value::as_str).map(|name| folder.join(name));
         let read = || -> Result<(DepthFrame, Option<Vec<u8>>), Failure> {
-            let depth_path = file("depth_file_path")
+            let depth_path = DEPTH_KEYS
+                .into_iter()
+                .find_map(file)
                 .ok_or_else(|| about(&path, format!("frame {index}: expected depth_file_path, found none")))?;
             let scale = one.attachments.depth.as_ref().map_or(0.001, |depth| depth.metres_per_unit);
             let (depth, size) = depth_image(&depth_path, scale)?;

@@ -32,6 +32,8 @@ pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
             FaultKind::Gap if fault.count > MANY => {
                 format!("{}: {}; windows there are left out", fault.channel, fault.detail)
             }
+            // What stands as it was logged until it is asked for.
+            FaultKind::Convention if stays(&fault.channel) => format!("{}: {}", fault.channel, fault.detail),
             FaultKind::Convention if mended.faults.contains(fault) => {
                 format!("{}: {}; it is left out", fault.channel, fault.detail)
             }
@@ -47,6 +49,11 @@ pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
         }
     }
     remarks
+}
+
+/// Whether a channel of another convention is used as it was logged: those of the commands and of whole joints are.
+fn stays(channel: &str) -> bool {
+    ["commands", "joint", "torques"].iter().any(|kind| channel.split(' ').next() == Some(kind))
 }
 
 /// The runs up to a fall, and what is said about falls.

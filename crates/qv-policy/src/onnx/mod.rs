@@ -19,3 +19,5 @@ pub use model::{Numbers, OnnxModel};
 pub use policy_graph::{Dense, PolicyGraph};
 #[cfg(feature = "onnx")]
 pub use reader::OnnxPolicy;
+#[cfg(feature = "onnx")]
+pub use scan::external_files;

@@ -3,7 +3,7 @@
 use super::OnnxError;
 use super::graph::check;
 use super::scan::scan;
-use rten::{Dimension, Model, NodeId, RunOptions, ThreadPool, Value, ValueOrView, ValueView};
+use rten::{Dimension, Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView, ValueView};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -28,14 +28,28 @@ impl OnnxModel {
     /// # Errors
     /// When the bytes are not an ONNX model, or hold an operator that the interpreter lacks.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, OnnxError> {
+        Self::with_files(bytes, &[])
+    }
+
+    /// The same of a model whose weights lie in files beside it: names as the model has them ([`super::external_files`]), and contents.
+    ///
+    /// # Errors
+    /// As [`Self::from_bytes`], and when a file is not given.
+    pub fn with_files(bytes: &[u8], files: &[(String, Vec<u8>)]) -> Result<Self, OnnxError> {
         if bytes.is_empty() {
             return Err(OnnxError::Load("no bytes".to_owned()));
         }
         scan(bytes)?;
         // The interpreter means not to panic on damaged files; this makes it sure.
-        let model = catch_unwind(|| Model::load(bytes.to_vec()))
-            .map_err(|_| OnnxError::Load("damage that made the interpreter panic".to_owned()))?
-            .map_err(|error| OnnxError::Load(error.to_string()))?;
+        let model = catch_unwind(|| {
+            let mut options = ModelOptions::with_all_ops();
+            for (name, contents) in files {
+                options.external_data(name, contents.clone());
+            }
+            options.load(bytes.to_vec())
+        })
+        .map_err(|_| OnnxError::Load("damage that made the interpreter panic".to_owned()))?
+        .map_err(|error| OnnxError::Load(error.to_string()))?;
         // One thread: the matrices are small, and what a model says must not depend on the machine.
         Ok(Self { model, threads: Arc::new(ThreadPool::with_num_threads(1)) })
     }

@@ -139,7 +139,15 @@ impl ReadModel {
     /// # Errors
     /// When the bytes are not an ONNX model, hold an operator that the interpreter lacks, or an input or output is not f32.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, OnnxError> {
-        let whole = OnnxModel::from_bytes(bytes)?;
+        Self::with_files(bytes, &[])
+    }
+
+    /// The same with files beside the model: see [`OnnxModel::with_files`].
+    ///
+    /// # Errors
+    /// As [`Self::from_bytes`], and when a file is not given.
+    pub fn with_files(bytes: &[u8], files: &[(String, Vec<u8>)]) -> Result<Self, OnnxError> {
+        let whole = OnnxModel::with_files(bytes, files)?;
         let model = &whole.model;
         let (input_ids, output_ids) = (model.input_ids().to_vec(), model.output_ids().to_vec());
         let infos = |ids: &[NodeId]| ids.iter().map(|&id| info(model, id)).collect::<Result<Vec<_>, _>>();

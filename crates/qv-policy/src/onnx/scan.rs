@@ -5,6 +5,7 @@
 //! bytes, and graphs lie at most [`MOST_NESTED`] messages deep.
 
 use super::OnnxError;
+use std::collections::BTreeSet;
 
 /// A policy's file has a depth of 6 (model, graph, input, type, shape, dimension); a branch of an `If` adds 3.
 const MOST_NESTED: usize = 32;
@@ -50,6 +51,36 @@ fn child(kind: Kind, field: u64) -> Option<Kind> {
 /// # Errors
 /// Says what is damaged, and at which byte of the file.
 pub(super) fn scan(bytes: &[u8]) -> Result<(), OnnxError> {
+    walk(bytes, &mut |_| ()).map(drop)
+}
+
+/// Files beside the model that hold weights, as its tensors name them (`external_data`, key `location`).
+///
+/// # Errors
+/// The bytes are no ONNX file: says what is damaged.
+pub fn external_files(bytes: &[u8]) -> Result<BTreeSet<String>, OnnxError> {
+    let mut files = BTreeSet::new();
+    walk(bytes, &mut |entry| files.extend(location(entry)))?;
+    Ok(files)
+}
+
+/// The value of an entry of text whose key is `location`.
+fn location(entry: &[u8]) -> Option<String> {
+    let mut reader = Reader { bytes: entry, at: 0 };
+    let (mut key, mut value) = (None, None);
+    while reader.at < entry.len() {
+        let tag = reader.varint().ok()?;
+        let length = reader.varint().ok()?;
+        let start = reader.at;
+        reader.skip(length).ok()?;
+        let text = std::str::from_utf8(&entry[start..reader.at]).ok()?;
+        if tag >> 3 == 1 { key = Some(text) } else { value = Some(text) }
+    }
+    (key == Some("location")).then_some(value).flatten().map(String::from)
+}
+
+/// Looks at all messages, and shows the entries of text of tensors, which say where their numbers lie.
+fn walk(bytes: &[u8], entry: &mut dyn FnMut(&[u8])) -> Result<(), OnnxError> {
     // Messages still to be read: what they are, where they begin and end, how deep they lie.
     let mut pending = vec![(Kind::Model, 0, bytes.len(), 1)];
     while let Some((kind, start, end, depth)) = pending.pop() {
@@ -71,6 +102,9 @@ pub(super) fn scan(bytes: &[u8]) -> Result<(), OnnxError> {
                     let length = reader.varint()?;
                     let start = reader.at;
                     reader.skip(length)?;
+                    if let (Kind::Tensor, 13) = (kind, field) {
+                        entry(&bytes[start..reader.at]);
+                    }
                     if let Some(kind) = child(kind, field) {
                         pending.push((kind, start, reader.at, depth + 1));
                     }

@@ -1,5 +1,7 @@
 //! Every integration test of `qv-policy`, as one program: a file is a subject, a folder serves several.
 
+#[cfg(feature = "onnx")]
+mod external_data;
 #[path = "../../../../fixtures/facts.rs"]
 mod facts;
 mod onnx;

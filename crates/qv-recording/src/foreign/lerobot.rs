@@ -229,12 +229,26 @@ fn episode(
             "LeRobot dataset {version}, {name}: episode {number} of {all}; [dataset] episode chooses another"
         ));
         table.remarks.extend(settings.unit_remarks());
+        table.remarks.extend(percent(&read[0], settings));
         table.csv = join(&joints, &parts);
         return Ok(table);
     }
     let expected = settings.episode.map_or("an episode".to_string(), |number| format!("episode {number}"));
     let found = format!("none in {} Parquet files", names.len());
     Err(RecordingError::file("data", expected, found))
+}
+
+/// Values within -100 to 100 that are read as degrees may be parts of a calibrated range, as LeRobot normalises by default.
+#[cfg(feature = "parquet")]
+fn percent(positions: &super::parquet::Column, settings: &Settings) -> Option<String> {
+    let largest = positions.values.iter().filter(|x| x.is_finite()).fold(0.0f64, |a, x| a.max(x.abs()));
+    let is_degrees = settings.unit.as_deref() == Some("deg") && settings.joint.is_empty();
+    (is_degrees && largest <= 100.0).then(|| {
+        format!(
+            "positions are read as degrees and stay within -100..100 (up to {largest:.1}): they may be parts of a calibrated range, as LeRobot \
+             normalises by default; then [dataset.joint.NAME] needs scale and offset of the calibration"
+        )
+    })
 }
 
 #[cfg(all(test, feature = "parquet"))]

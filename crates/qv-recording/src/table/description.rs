@@ -2,6 +2,7 @@
 
 use super::dialect::{Unit, stated_unit};
 use crate::RecordingError;
+use crate::commanded::{CommandReading, Shape};
 use crate::run::{Actuator, ActuatorKind, Base, GainSource, JointParameters, Loss};
 use qv_core::JointSeries;
 use serde::Deserialize;
@@ -18,6 +19,7 @@ pub(super) struct Description {
     position_unit: Option<String>,
     actuator: Option<ActuatorTable>,
     imu: Option<ImuTable>,
+    commands: Option<CommandTable>,
     #[serde(default)]
     joint: BTreeMap<String, JointTable>,
 }
@@ -59,8 +61,35 @@ struct ImuTable {
     rotation: Option<[f64; 3]>,
 }
 
+/// How the commands of all joints are read.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+struct CommandTable {
+    /// Added to their stamps \[s\].
+    delay: Option<f64>,
+    kp_scale: Option<f64>,
+    kd_scale: Option<f64>,
+    /// In place of those logged \[N m s/rad\].
+    kd: Option<f64>,
+    feed_forward: Option<bool>,
+    low_pass: Option<f64>,
+    ramp: Option<f64>,
+    hold: Option<f64>,
+    rate_limit: Option<f64>,
+}
+
+const OF_COMMANDS: [&str; 9] =
+    ["delay", "kp_scale", "kd_scale", "kd", "feed_forward", "low_pass", "ramp", "hold", "rate_limit"];
+
 #[derive(Debug, Clone, Default, Deserialize)]
 struct JointTable {
+    /// -1 where the joint's axis is the other way round in all channels.
+    sign: Option<f64>,
+    /// The joint in whose columns this one stands, in all channels.
+    columns_of: Option<String>,
+    /// The joint whose columns hold its commands.
+    command_of: Option<String>,
+    command_scale: Option<f64>,
+    command_offset: Option<f64>,
     armature: Option<f64>,
     coulomb_friction: Option<f64>,
     viscous_friction: Option<f64>,
@@ -76,7 +105,12 @@ struct JointTable {
 }
 
 const OF_ACTUATORS: [&str; 6] = ["kind", "kp", "kd", "tau_max", "servo", "friction_model"];
-const OF_JOINTS: [&str; 9] = [
+const OF_JOINTS: [&str; 14] = [
+    "sign",
+    "columns_of",
+    "command_of",
+    "command_scale",
+    "command_offset",
     "armature",
     "coulomb_friction",
     "viscous_friction",
@@ -166,7 +200,14 @@ pub(super) fn unknown_keys(text: &str) -> Vec<String> {
     let mut check = |at: &str, table: &toml::Table, known: &[&str]| {
         unknown.extend(table.keys().filter(|k| !known.contains(&k.as_str())).map(|k| format!("{at}{k}")));
     };
-    check("", &table, &["robot", "base", "time_unit", "position_unit", "actuator", "imu", "joint", "dataset"]);
+    check(
+        "",
+        &table,
+        &["robot", "base", "time_unit", "position_unit", "actuator", "imu", "commands", "joint", "dataset"],
+    );
+    if let Some(commands) = table.get("commands").and_then(toml::Value::as_table) {
+        check("commands.", commands, &OF_COMMANDS);
+    }
     if let Some(imu) = table.get("imu").and_then(toml::Value::as_table) {
         check("imu.", imu, &["rotation"]);
     }
@@ -228,6 +269,62 @@ impl Description {
     /// Roll, pitch and yaw of the IMU on the base \[rad\], where they are stated.
     pub(super) fn imu_rotation(&self) -> Option<[f64; 3]> {
         self.imu.and_then(|imu| imu.rotation)
+    }
+
+    /// For each of `joints` the column that it stands in, in all channels, and its sign there.
+    pub(super) fn columns(&self, joints: &[String]) -> Result<Vec<(usize, f64)>, RecordingError> {
+        let one = |(k, name): (usize, &String)| {
+            let Some(own) = self.joint.get(name) else { return Ok((k, 1.0)) };
+            let sign = own.sign.unwrap_or(1.0);
+            if sign.abs() != 1.0 {
+                let expected = format!("1 or -1 as `sign` of [joint.{name}]");
+                return Err(RecordingError::file("run.toml", expected, sign.to_string()));
+            }
+            let Some(other) = &own.columns_of else { return Ok((k, sign)) };
+            let expected = || format!("a joint as `columns_of` of [joint.{name}]");
+            let place = joints.iter().position(|j| j == other);
+            let wrong = || RecordingError::file("run.toml", expected(), format!("`{other}`"));
+            Ok((place.ok_or_else(wrong)?, sign))
+        };
+        joints.iter().enumerate().map(one).collect()
+    }
+
+    /// How the commands of `joints` are read.
+    pub(super) fn command_reading(&self, joints: &[String]) -> Result<CommandReading, RecordingError> {
+        let mut reading = CommandReading::plain(joints.len());
+        for (k, name) in joints.iter().enumerate() {
+            let Some(own) = self.joint.get(name) else { continue };
+            let of = &mut reading.joints[k];
+            (of.scale, of.offset) = (own.command_scale.unwrap_or(1.0), own.command_offset.unwrap_or(0.0));
+            if let Some(other) = &own.command_of {
+                let place = joints.iter().position(|j| j == other);
+                let wrong = || {
+                    RecordingError::file(
+                        "run.toml",
+                        format!("a joint as `command_of` of [joint.{name}]"),
+                        format!("`{other}`"),
+                    )
+                };
+                of.of = place.ok_or_else(wrong)?;
+            }
+        }
+        let all = self.commands.unwrap_or_default();
+        reading.delay = all.delay.unwrap_or(0.0);
+        reading.gain_scale = [all.kp_scale.unwrap_or(1.0), all.kd_scale.unwrap_or(1.0)];
+        reading.damping = all.kd;
+        reading.uses_feed_forward = all.feed_forward.unwrap_or(true);
+        let shapes = [
+            all.low_pass.map(Shape::LowPass),
+            all.ramp.map(Shape::Ramp),
+            all.hold.map(Shape::Hold),
+            all.rate_limit.map(Shape::RateLimit),
+        ];
+        reading.shape = shapes.into_iter().flatten().next();
+        let is_positive = reading.shape.is_none_or(|s| s.size() > 0.0 && s.size().is_finite());
+        match is_positive {
+            true => Ok(reading),
+            false => Err(RecordingError::file("run.toml", "a size above 0 in [commands]", "another")),
+        }
     }
 
     /// Whether positions, speeds and their commands are in degrees.

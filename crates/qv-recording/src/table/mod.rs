@@ -98,10 +98,14 @@ pub fn read_table(
         remarks,
     };
     let in_degrees = description.is_in_degrees()?;
+    let places = description.columns(&layout.joints)?;
     for (channel, first, width) in &layout.groups {
         let mut series = columns(&samples, *first, *width);
         if let (Some(series), true) = (&mut series, in_degrees && OF_ANGLES.contains(channel)) {
             series.values.iter_mut().for_each(|x| *x = x.to_radians());
+        }
+        if let (Some(series), true) = (&mut series, channel.is_of_joints()) {
+            place_joints(series, &places);
         }
         *slot(&mut run, *channel) = series;
     }
@@ -119,10 +123,22 @@ pub fn read_table(
         let detail = "expected columns cmd_pos.<joint> or cmd_tau.<joint>, found none".into();
         run.faults.push(Fault { kind: FaultKind::Missing, channel: "commands".into(), time: 0.0, count: 1, detail });
     }
+    description.command_reading(&layout.joints)?.apply(&mut run);
     faults::examine(&mut run, mapping);
     turn_imu(&mut run, description.imu_rotation(), urdf);
     run.note_uncommanded();
     Ok(run)
+}
+
+/// Columns of joints where `run.toml` says that they stand, with their signs.
+fn place_joints(series: &mut qv_core::JointSeries, places: &[(usize, f64)]) {
+    if places.iter().enumerate().all(|(k, place)| *place == (k, 1.0)) {
+        return;
+    }
+    for row in series.values.chunks_exact_mut(series.joints) {
+        let read = row.to_vec();
+        row.iter_mut().zip(places).for_each(|(x, (from, sign))| *x = sign * read[*from]);
+    }
 }
 
 /// Turns the channels of an IMU that is mounted at an angle, as `run.toml` or the URDF's link says.

@@ -315,3 +315,30 @@ fn quaternions_that_are_no_rotation_are_told() {
     let found = run.faults.iter().find(|f| f.kind == FaultKind::NoRotation).expect("no length");
     assert!(found.detail.states("kept 500"), "{found:?}");
 }
+
+#[test]
+fn commands_are_read_as_run_toml_states() {
+    let plain = table(",", |k| format!("{:.3}", 0.002 * k as f64));
+    let right = read(&plain, TOML);
+    let stated = format!(
+        "{TOML}[commands]\ndelay = 0.004\nkp_scale = 2.0\n[joint.\"a/b c.d\"]\ncommand_scale = -0.5\ncommand_offset = 0.1\n"
+    );
+    let run = read(&plain, &stated);
+    assert!(run.lost.is_empty(), "{:?}", run.lost);
+    let (found, before) = (run.commands.position.unwrap(), right.commands.position.clone().unwrap());
+    assert!(found.values.iter().zip(&before.values).all(|(a, b)| (a - (0.1 - 0.5 * b)).abs() < 1e-12));
+    assert!(found.time.iter().zip(&before.time).all(|(a, b)| (a - b - 0.004).abs() < 1e-12));
+    assert_eq!((run.actuator.kp, run.actuator.kd), (Some(40.0), Some(0.5)));
+    let turned = read(&plain, &format!("{TOML}[joint.\"a/b c.d\"]\nsign = -1\n"));
+    let opposite =
+        |a: &qv_core::JointSeries, b: &qv_core::JointSeries| a.values.iter().zip(&b.values).all(|(a, b)| *a == -b);
+    assert!(opposite(turned.measured.position.as_ref().unwrap(), right.measured.position.as_ref().unwrap()));
+    assert!(opposite(turned.commands.position.as_ref().unwrap(), &before));
+    for (wrong, word) in
+        [("sign = 2", "1 or -1"), ("command_of = \"b\"", "command_of"), ("columns_of = \"b\"", "columns_of")]
+    {
+        let toml = format!("{TOML}[joint.\"a/b c.d\"]\n{wrong}\n");
+        let error = read_table(plain.as_bytes(), &toml, Some(&urdf("0 0 0")), None).unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
+    }
+}

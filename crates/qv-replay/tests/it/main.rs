@@ -1,3 +1,4 @@
 //! Replays of recordings whose truth is known.
 
 mod effects;
+mod mistaken;

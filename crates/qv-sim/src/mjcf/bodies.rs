@@ -376,6 +376,8 @@ impl<'a> Reader<'a> {
             // Written as xx, yy, zz, xy, xz, yz.
             (Some([xx, yy, zz, xy, xz, yz]), _) => [xx, xy, xz, yy, yz, zz],
             (None, Some([x, y, z])) => [x, 0.0, 0.0, y, 0.0, z],
+            // Without mass there is nothing to state.
+            (None, None) if mass == 0.0 => [0.0; 6],
             (None, None) => return Err(needed("diaginertia")),
         };
         Ok(Inertial { line, origin: Origin::from(pose), mass, inertia })

@@ -34,7 +34,7 @@ enum Surface {
     None,
     Plane,
     HeightField(HeightField),
-    Mesh { mesh: GroundMesh, materials: Vec<(String, f64)> },
+    Mesh { mesh: GroundMesh, materials: Vec<(String, f64)>, turned: usize },
 }
 
 impl Terrain {
@@ -65,7 +65,8 @@ impl Terrain {
     }
 
     /// A triangle mesh, counter-clockwise seen from above; materials without a friction get [`DEFAULT_FRICTION`].
-    /// Triangles without area are left out of contact.
+    /// Triangles without area are left out of contact. Pieces that are wound the other way round are turned
+    /// ([`TriangleMesh::turn_outward`]); [`Self::turned`] says how many triangles that were.
     ///
     /// # Errors
     /// When indices or labels are off, a number is not finite, or no triangle is left.
@@ -83,6 +84,7 @@ impl Terrain {
         if kept.triangles.is_empty() {
             return Err(bad(format!("{} triangles, none with an area", mesh.triangles.len())));
         }
+        let turned = kept.turn_outward();
         let alike = most_alike(&kept);
         if alike > MOST_ALIKE {
             let expected = format!("at most {MOST_ALIKE} triangles of the same corners");
@@ -91,9 +93,17 @@ impl Terrain {
         let materials =
             kept.materials.iter().map(|m| (m.name.clone(), m.friction.unwrap_or(DEFAULT_FRICTION))).collect();
         Ok(Self {
-            surface: Arc::new(Surface::Mesh { mesh: GroundMesh::new(kept), materials }),
+            surface: Arc::new(Surface::Mesh { mesh: GroundMesh::new(kept), materials, turned }),
             friction: DEFAULT_FRICTION,
         })
+    }
+
+    /// Triangles that looked down, or into their piece, and were turned round.
+    pub fn turned(&self) -> usize {
+        match &*self.surface {
+            Surface::Mesh { turned, .. } => *turned,
+            _ => 0,
+        }
     }
 
     /// The same ground with another friction where it carries no material.

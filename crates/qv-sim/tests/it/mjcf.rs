@@ -306,3 +306,18 @@ fn mjcf_is_told_from_other_files() {
         assert_eq!(is_mjcf(text), right, "{text}");
     }
 }
+
+#[test]
+fn a_fixed_body_without_mass_needs_no_inertia() {
+    let text = |neck: &str| {
+        format!(
+            r#"<mujoco model="m"><worldbody><body name="base"><inertial pos="0 0 0" mass="5" diaginertia="0.1 0.1 0.1"/><joint name="j"/>
+            <body name="neck"><inertial pos="0 0 0.1" {neck}/></body></body></worldbody></mujoco>"#
+        )
+    };
+    let none = |name: &str| Err(name.to_string());
+    let options = ModelOptions { base: BaseKind::Fixed, ..Default::default() };
+    let read = |neck: &str| MjcfModel::read(&text(neck), &options, &none).map(|read| read.model.mass());
+    assert_eq!(read("mass=\"0\"").unwrap(), 5.0);
+    assert!(read("mass=\"1\"").is_err(), "a mass has an inertia");
+}

@@ -16,7 +16,10 @@ pub mod rgbd_folders;
 use crate::SplatError;
 use crate::error::off;
 use distortion::Distortion;
+use glam::DVec3;
 use qv_core::Camera;
+use qv_core::statistics::median;
+use std::collections::BTreeSet;
 
 /// A set of images, or of views that are to become images.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -29,6 +32,38 @@ pub struct Capture {
     pub remarks: Vec<String>,
     /// Which images the cameras are of, where EXIF shows to turn them.
     pub shown: pictures::ImageOrientation,
+    /// Names of the cameras whose images the capture itself holds out; `None` where it says nothing of it.
+    pub held_out: Option<BTreeSet<String>>,
+}
+
+/// Distance of cameras from the origin from which on 32 bits are too few for them \[m\].
+const FAR: f64 = 1000.0;
+
+impl Capture {
+    /// Moves cameras that are far from the origin, as of a map's coordinates, to it: by their median, rounded to a metre. Returns what was
+    /// taken off \[m\].
+    pub fn move_near(&mut self) -> Option<DVec3> {
+        let places: Vec<DVec3> =
+            self.cameras.iter().map(|one| one.camera.camera_from_world.inverse().position).collect();
+        let middle = |k: usize| median(&mut places.iter().map(|p| p[k]).collect::<Vec<f64>>());
+        let origin = DVec3::new(middle(0), middle(1), middle(2)).round();
+        if !(origin.is_finite() && origin.length() > FAR) {
+            return None;
+        }
+        for one in &mut self.cameras {
+            let mut pose = one.camera.camera_from_world.inverse();
+            pose.position -= origin;
+            one.camera.camera_from_world = pose.inverse();
+            if let Some(camera) = one.attachments.depth.as_mut().and_then(|d| d.camera.as_mut()) {
+                camera.camera_from_world = one.camera.camera_from_world;
+            }
+        }
+        self.remarks.push(format!(
+            "the cameras lie far from the origin: {} {} {} m are taken off, and kept as `origin` in metrics.json",
+            origin.x, origin.y, origin.z
+        ));
+        Some(origin)
+    }
 }
 
 /// Gives width and height of an image by its path, or says why not.

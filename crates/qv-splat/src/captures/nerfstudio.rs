@@ -11,8 +11,11 @@ use crate::error::off;
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::{Camera, Pose};
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 const PLACE: &str = "transforms.json";
+/// Keys of a frame's depth image: nerfstudio's, and instant-ngp's.
+pub const DEPTH_KEYS: [&str; 2] = ["depth_file_path", "depth_path"];
 /// Largest entry of R Rᵀ - 1 that passes as rounding of the file.
 const ORTHOGONAL: f64 = 1e-3;
 
@@ -55,7 +58,38 @@ pub fn read_with(document: &Value, sizes: Sizes) -> Result<Capture, SplatError> 
         return Err(error.clone());
     }
     let lost = lost.iter().map(ToString::to_string).collect();
-    Ok(Capture { lost, ..finish(cameras, PLACE)? })
+    let mut capture = Capture { lost, ..finish(cameras, PLACE)? };
+    split(document, &mut capture);
+    Ok(capture)
+}
+
+/// nerfstudio's own split: what `val_filenames` and `test_filenames` name is held out; what none of the lists names is left out.
+fn split(document: &Value, capture: &mut Capture) {
+    let list = |key: &str| {
+        let all = document.get(key).and_then(Value::as_array);
+        all.map(|all| all.iter().filter_map(Value::as_str).map(plain_path).collect::<BTreeSet<&str>>())
+    };
+    let Some(training) = list("train_filenames") else { return };
+    let held: BTreeSet<&str> = ["val_filenames", "test_filenames"].into_iter().filter_map(list).flatten().collect();
+    let is_in =
+        |set: &BTreeSet<&str>, one: &CaptureCamera| one.image.as_deref().is_some_and(|i| set.contains(plain_path(i)));
+    let before = capture.cameras.len();
+    capture.cameras.retain(|one| is_in(&training, one) || is_in(&held, one));
+    if capture.cameras.len() < before {
+        let left = before - capture.cameras.len();
+        capture.lost.push(format!("{left} frames that neither train_filenames nor val_filenames, test_filenames name"));
+    }
+    let both = |one: &&CaptureCamera| is_in(&held, one) && !is_in(&training, one);
+    let names: BTreeSet<String> = capture.cameras.iter().filter(both).map(|one| one.name.clone()).collect();
+    let count = names.len();
+    capture
+        .remarks
+        .push(format!("held out: the {count} images that the capture's val_filenames and test_filenames name"));
+    capture.held_out = Some(names);
+}
+
+fn plain_path(path: &str) -> &str {
+    path.trim_start_matches("./")
 }
 
 /// What a fault costs.
@@ -104,11 +138,13 @@ fn camera(values: &Values, pose: Pose, [width, height]: [u32; 2]) -> Result<Capt
 /// Files beside the image: nerfstudio's masks and depths, labels by the same pattern.
 fn attachments(values: &Values) -> Result<Attachments, SplatError> {
     let path = |name: &str| values.frame.get(name).and_then(Value::as_str).map(String::from);
-    let metres_per_unit = values.number("depth_unit_scale_factor")?.unwrap_or(1e-3);
+    // instant-ngp's key for the same.
+    let of_ngp = values.number("integer_depth_scale")?;
+    let metres_per_unit = values.number("depth_unit_scale_factor")?.or(of_ngp).unwrap_or(1e-3);
     if !(metres_per_unit.is_finite() && metres_per_unit > 0.0) {
         return Err(off("depth_unit_scale_factor", "metres per unit, above 0", metres_per_unit));
     }
-    let depth = path("depth_file_path").map(|path| DepthFile { path, metres_per_unit, camera: None });
+    let depth = DEPTH_KEYS.into_iter().find_map(path).map(|path| DepthFile { path, metres_per_unit, camera: None });
     Ok(Attachments { mask: path("mask_path"), depth, labels: path("label_file_path") })
 }
 

@@ -125,12 +125,33 @@ pub fn read_stream(source: &mut dyn Read, length: u64) -> Result<SplatFile, Spla
         remarks.remarks.push("filter_3D of Mip-Splatting is applied to scales and opacities".to_string());
     }
     let file = sieve.finish(Format::Ply, remarks.lost);
+    remarks.remarks.extend(linear(&file.cloud));
     Ok(SplatFile {
         background: background(&header),
         antialias: layout.filter.is_some(),
         remarks: remarks.remarks,
         ..file
     })
+}
+
+/// Gaussians that show a convention.
+const ENOUGH: usize = 20;
+
+/// Values that are hardly logarithms and logits: scales none of which is below a metre, opacities all from 0 to 1.
+fn linear(cloud: &GaussianCloud) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let (scales, opacities) = (&cloud.log_scales, &cloud.opacity_logits);
+    if scales.len() < ENOUGH {
+        return remarks;
+    }
+    if scales.iter().all(|s| s.iter().all(|x| *x > 0.0)) {
+        remarks.push("all scales are above 0: they may be metres where natural logarithms belong".to_string());
+    }
+    let first = opacities.first().copied().unwrap_or_default();
+    if opacities.iter().all(|x| (0.0..=1.0).contains(x)) && opacities.iter().any(|x| *x != first) {
+        remarks.push("all opacities are from 0 to 1: they may be opacities where logits belong".to_string());
+    }
+    remarks
 }
 
 /// What rows are unpacked into.

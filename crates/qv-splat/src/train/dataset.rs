@@ -114,7 +114,10 @@ impl Dataset {
                 Err(error) => lost.push(error.to_string()),
             }
         }
-        let dataset = Self::of_photographs(all, options.hold_out);
+        let dataset = match &capture.held_out {
+            Some(held) => Self::split(all, &|_, one| held.contains(&one.name), "as the capture says"),
+            None => Self::of_photographs(all, options.hold_out),
+        };
         match (dataset, lost.first()) {
             (Err(error), Some(first)) => {
                 let found = format!("{error}; {} lost; the first: {first}", lost.len());
@@ -129,14 +132,22 @@ impl Dataset {
     /// # Errors
     /// Fewer than two to learn from, or no two of them look at the same place.
     pub fn of_photographs(all: Vec<Photograph>, hold_out: usize) -> Result<Self, SplatError> {
+        let is_held = |index: usize, _: &Photograph| hold_out > 0 && index.is_multiple_of(hold_out);
+        Self::split(all, &is_held, &format!("one in {hold_out}"))
+    }
+
+    fn split(
+        all: Vec<Photograph>,
+        is_held: &dyn Fn(usize, &Photograph) -> bool,
+        which: &str,
+    ) -> Result<Self, SplatError> {
         let cameras: Vec<Camera> = all.iter().map(|one| one.camera).collect();
         let (mut training, mut held_out) = (vec![], vec![]);
         for (index, one) in all.into_iter().enumerate() {
-            let held = hold_out > 0 && index % hold_out == 0;
-            if held { held_out.push(one) } else { training.push(one) }
+            if is_held(index, &one) { held_out.push(one) } else { training.push(one) }
         }
         if training.len() < 2 {
-            let found = format!("{} of {}, one in {hold_out} held out", training.len(), cameras.len());
+            let found = format!("{} of {}, {which} held out", training.len(), cameras.len());
             return Err(off("capture", "at least 2 images to learn from", found));
         }
         let background = mean_colour(&training);

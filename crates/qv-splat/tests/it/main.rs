@@ -6,6 +6,7 @@ mod biker;
 mod facts;
 mod made_up;
 mod made_up_bytes;
+mod of_others;
 mod python;
 mod round_trips;
 #[path = "../../../../fixtures/skipped.rs"]

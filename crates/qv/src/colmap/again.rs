@@ -280,6 +280,7 @@ mod tests {
 
     fn open(cameras: Vec<CaptureCamera>) -> OpenCapture {
         OpenCapture {
+            origin: None,
             capture: Capture { cameras, ..Capture::default() },
             folders: vec![],
             points: None,

@@ -183,6 +183,7 @@ impl Plan {
             // For tuning it names what the policy was trained for, in another way.
             robot: self.passed("--robot").filter(|_| !matches!(self.command, What::Tune)),
             namespace: self.passed("--namespace"),
+            ..Reading::default()
         };
         let run = open_run(&real, &reading, &|_, _| {}).map_err(|e| e.to_string())?;
         let inputs: Result<Vec<InputFile>, Failure> = files(&real).iter().map(|file| hash::input(file)).collect();

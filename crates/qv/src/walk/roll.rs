@@ -111,9 +111,7 @@ pub(super) fn opened(policy: &Path, description: &Path) -> Result<(OnnxPolicy, D
     let expected = "a description of a policy";
     let text = String::from_utf8_lossy(&read(description, expected)?).into_owned();
     let found = Description::from_toml(&text).map_err(|e| file_error(description, expected, &e.to_string()))?;
-    let bytes = read(policy, "a policy in ONNX")?;
-    let policy = policy_child::policy(&bytes).map_err(|e| file_error(policy, "a policy in ONNX", &e.to_string()))?;
-    Ok((policy, found))
+    Ok((policy_child::policy_at(policy)?, found))
 }
 
 /// That all joints of a description, of the file `path`, are the model's.

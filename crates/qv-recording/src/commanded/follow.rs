@@ -4,8 +4,11 @@
 //! commands unless another joint's explain it better, over all and in several blocks; what is exchanged must come out as whole cycles. A
 //! trot commands diagonal legs alike, so they cannot be parted there: then nothing is reported.
 
-use crate::conventions::{convention, fit};
-use crate::run::{Fault, FaultKind, Run};
+use super::analysis::{Analysis, Check, Finding, cycles, number};
+use super::reading::CommandReading;
+use crate::lag::lags_behind_command;
+use crate::run::Run;
+use crate::slopes::{Reading, convention, fit};
 use qv_core::JointSeries;
 
 /// Blocks of a recording, and in how many of them a joint must move.
@@ -31,26 +34,80 @@ struct Block {
 /// Samples about their mean \[rad\]; empty where they hardly move or some are missing.
 type Motion = Vec<f64>;
 
-/// Faults of the command channel: commands of another joint, of the other sign, in another unit.
-pub(crate) fn faults(run: &Run) -> Vec<Fault> {
-    let (Some(position), Some(commands)) = (&run.measured.position, &run.commands.position) else { return Vec::new() };
+/// What the motion of the joints shows of their commands: commands of another joint, of the other sign, in another unit, stamps that are late.
+pub(super) fn analyse(run: &Run) -> Analysis {
+    let mut reading = CommandReading::plain(run.joint_names.len());
+    let nothing = |reading| Analysis { findings: Vec::new(), checks: Vec::new(), reading };
+    let (Some(position), Some(commands)) = (&run.measured.position, &run.commands.position) else {
+        return nothing(reading);
+    };
     if position.joints != run.joint_names.len() || commands.joints != position.joints || commands.is_empty() {
-        return Vec::new();
+        return nothing(reading);
     }
     let blocks = blocks(position, commands);
     let exchanged = exchanged(&blocks, position.joints);
-    let detail = |joint: usize| match exchanged[joint] {
-        Some(other) => {
-            let name = &run.joint_names[other];
-            Some(format!("the joint follows the commands of {name}: exchange the columns, or the names of the joints"))
+    let mut findings = Vec::new();
+    for joint in 0..position.joints {
+        let name = &run.joint_names[joint];
+        let found = match exchanged[joint] {
+            Some(other) => {
+                let other_name = &run.joint_names[other];
+                reading.joints[joint].of = other;
+                let what =
+                    format!("the joint follows the commands of {other_name}: exchanged columns or names of joints");
+                Some((what, format!("[joint.{name}] command_of = \"{other_name}\"")))
+            }
+            None => other_unit(&blocks, joint).map(|(what, scale)| {
+                reading.joints[joint].scale = scale.unwrap_or(1.0);
+                let line = scale.map(|s| format!("[joint.{name}] command_scale = {}", number(s)));
+                (format!("against the joint's positions, {what}"), line.unwrap_or_default())
+            }),
+        };
+        let channel = format!("commands {name}");
+        findings.extend(found.map(|(what, line)| Finding { channel, what, line }));
+    }
+    let delay = leading(run, position.joints).filter(|_| findings.is_empty());
+    findings.extend(delay.map(|delay| {
+        reading.delay = delay;
+        Finding {
+            channel: "commands".into(),
+            what: format!("joints move {:.0} ms before their commands are stamped: the stamps are late", -1e3 * delay),
+            line: format!("[commands] delay = {delay:.4}"),
         }
-        None => other_unit(&blocks, joint).map(|what| format!("against the joint's positions, {what}")),
+    }));
+    let checks = checks(run, &blocks, &findings);
+    Analysis { findings, checks, reading }
+}
+
+/// A joint cannot move before its command \[s\].
+const LEADING: f64 = -0.008;
+
+/// The lag of joints behind their commands where it is clearly negative.
+fn leading(run: &Run, joints: usize) -> Option<f64> {
+    let columns: Vec<usize> = (0..joints).collect();
+    let lags = lags_behind_command(run, &columns);
+    let clear: Vec<f64> = lags.iter().filter(|l| l.after < 0.5 * l.before).map(|l| l.lag).collect();
+    let most = clear.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (!clear.is_empty() && most < LEADING).then_some(most)
+}
+
+fn checks(run: &Run, blocks: &[Block], findings: &[Finding]) -> Vec<Check> {
+    let joints = 0..run.joint_names.len();
+    let moving = joints.clone().filter(|&j| blocks.iter().any(|b| b.follows(j, j).is_some())).count();
+    let of = |word: &[&str]| findings.iter().filter(|f| word.iter().any(|w| f.what.contains(w))).count();
+    let check = |name: &str, bad: usize| Check {
+        name: name.into(),
+        found: match bad {
+            0 => format!("by the motion of {moving} of {} joints", joints.end),
+            n => format!("another convention at {n} joints"),
+        },
+        is_ours: (moving > 0).then_some(bad == 0),
     };
-    let fault = |joint: usize| {
-        let channel = format!("commands {}", run.joint_names[joint]);
-        Some(Fault { kind: FaultKind::Convention, channel, time: run.span()[0], count: 1, detail: detail(joint)? })
-    };
-    (0..position.joints).filter_map(fault).collect()
+    vec![
+        check("order of commands", of(&["follows the commands of"])),
+        check("sign and unit of commands", of(&["against the joint's positions"])),
+        check("stamps of commands", of(&["stamped"])),
+    ]
 }
 
 fn blocks(position: &JointSeries, commands: &JointSeries) -> Vec<Block> {
@@ -105,20 +162,8 @@ fn correlation(x: &[f64], y: &[f64]) -> f64 {
 
 /// The joint whose commands each joint follows instead of its own.
 fn exchanged(blocks: &[Block], joints: usize) -> Vec<Option<usize>> {
-    let mut follows: Vec<Option<usize>> = (0..joints).map(|joint| followed(blocks, joint, joints)).collect();
     // A joint outside of a cycle moves with another for a reason of its own.
-    for _ in 0..joints {
-        for joint in 0..joints {
-            let is_followed = follows.iter().filter(|other| **other == Some(joint)).count() == 1;
-            if follows[joint].is_some() && !is_followed {
-                follows[joint] = None;
-            }
-        }
-    }
-    let open = |joint: &usize| follows[*joint].is_some_and(|other| follows[other].is_none());
-    let lost: Vec<usize> = (0..joints).filter(open).collect();
-    lost.into_iter().for_each(|joint| follows[joint] = None);
-    follows
+    cycles((0..joints).map(|joint| followed(blocks, joint, joints)).collect())
 }
 
 fn followed(blocks: &[Block], joint: usize, joints: usize) -> Option<usize> {
@@ -152,7 +197,7 @@ fn unexplained(blocks: &[Block], joint: usize, command: usize) -> MotionRemainde
 }
 
 /// What the commands of a joint are of its positions, where they go together and are of another sign or unit.
-fn other_unit(blocks: &[Block], joint: usize) -> Option<String> {
+fn other_unit(blocks: &[Block], joint: usize) -> Option<(String, Option<f64>)> {
     let own: Vec<(&Block, f64, usize)> =
         blocks.iter().filter_map(|b| b.follows(joint, joint).map(|(r, delay)| (b, r, delay))).collect();
     if own.len() < LEAST_BLOCKS || own.iter().any(|(_, r, _)| r.abs() < FOLLOWS || r * own[0].1 < 0.0) {
@@ -161,7 +206,9 @@ fn other_unit(blocks: &[Block], joint: usize) -> Option<String> {
     let pairs = own.iter().flat_map(|(block, _, delay)| {
         block.positions[joint].iter().copied().zip(block.commands[joint][*delay].iter().copied())
     });
-    Some(convention(fit(&pairs.collect::<Vec<_>>(), 0.0)?)?.0)
+    let (what, reading) = convention(fit(&pairs.collect::<Vec<_>>(), 0.0)?)?;
+    let scale = if let Reading::Scaled(by) = reading { Some(by) } else { None };
+    Some((what, scale))
 }
 
 #[cfg(test)]
@@ -192,7 +239,7 @@ mod tests {
     }
 
     fn reported(commanded: &dyn Fn(usize, f64) -> f64) -> Vec<(String, String)> {
-        faults(&run(commanded)).into_iter().map(|f| (f.channel, f.detail)).collect()
+        analyse(&run(commanded)).findings.into_iter().map(|f| (f.channel, f.what)).collect()
     }
 
     #[test]
@@ -230,6 +277,6 @@ mod tests {
         let mut both = run(&stands);
         let position = both.measured.position.as_mut().unwrap();
         position.values.chunks_exact_mut(JOINTS).for_each(|row| row[1] = row[0]);
-        assert_eq!(faults(&both), []);
+        assert!(analyse(&both).findings.is_empty());
     }
 }

@@ -1,0 +1,99 @@
+//! Stamps of messages that came in bursts, as over Wi-Fi: put back where they were sent.
+
+/// Messages that show bursts, at least.
+const LEAST: usize = 60;
+/// An interval below this share of the mean one is within a burst; so many of all must be.
+const CLOSE: f64 = 0.2;
+const OFTEN: f64 = 0.6;
+/// A pause of this many bursts is a gap, across which nothing is evened out.
+const GAP: f64 = 10.0;
+/// Rates that clocks of robots have \[Hz\]; a fitted one this near is taken for it.
+const RATES: [f64; 12] = [1000.0, 500.0, 400.0, 333.333_333, 250.0, 200.0, 125.0, 100.0, 60.0, 50.0, 30.0, 25.0];
+const NEAR: f64 = 0.015;
+
+/// Puts stamps \[ns\] on even times where they come in bursts, and says how; the last message of a burst is the least delayed, so that the
+/// line through those is where all were sent.
+pub(crate) fn even_out(stamps: &mut [i64]) -> Option<String> {
+    if stamps.len() < LEAST || stamps.windows(2).any(|w| w[1] < w[0]) {
+        return None;
+    }
+    let mean = (stamps[stamps.len() - 1] - stamps[0]) as f64 / (stamps.len() - 1) as f64;
+    let ends: Vec<usize> =
+        (1..stamps.len()).filter(|&i| (stamps[i] - stamps[i - 1]) as f64 > CLOSE * mean).map(|i| i - 1).collect();
+    let within = stamps.len() - 1 - ends.len();
+    if (within as f64) < OFTEN * (stamps.len() - 1) as f64 || ends.len() < 5 {
+        return None;
+    }
+    let burst = (stamps[stamps.len() - 1] - stamps[0]) as f64 / ends.len() as f64;
+    let mut start = 0;
+    let breaks: Vec<usize> =
+        (1..stamps.len()).filter(|&i| (stamps[i] - stamps[i - 1]) as f64 > GAP * burst).chain([stamps.len()]).collect();
+    for end in breaks {
+        even(&mut stamps[start..end], start, &ends);
+        start = end;
+    }
+    Some(format!(
+        "messages came in bursts of {:.0} every {:.0} ms: their stamps are evened out",
+        stamps.len() as f64 / ends.len() as f64,
+        1e-6 * burst
+    ))
+}
+
+/// The line through the ends of bursts, of a piece without gaps that begins at `first`.
+fn even(stamps: &mut [i64], first: usize, ends: &[usize]) {
+    let inside: Vec<usize> = ends.iter().filter_map(|i| i.checked_sub(first)).filter(|i| *i < stamps.len()).collect();
+    if inside.len() < 3 {
+        return;
+    }
+    let (origin, count) = (stamps[0], inside.len() as f64);
+    let y = |i: usize| (stamps[i] - origin) as f64;
+    let (mean_x, mean_y) =
+        (inside.iter().map(|i| *i as f64).sum::<f64>() / count, inside.iter().map(|i| y(*i)).sum::<f64>() / count);
+    let xy: f64 = inside.iter().map(|&i| (i as f64 - mean_x) * (y(i) - mean_y)).sum();
+    let xx: f64 = inside.iter().map(|&i| (i as f64 - mean_x).powi(2)).sum();
+    let fitted = xy / xx;
+    let usual = RATES.iter().map(|rate| 1e9 / rate).find(|period| (fitted / period - 1.0).abs() < NEAR);
+    let period = usual.unwrap_or(fitted);
+    // No message came before it was sent.
+    let start = inside.iter().map(|&i| y(i) - period * i as f64).fold(f64::INFINITY, f64::min);
+    stamps.iter_mut().enumerate().for_each(|(i, stamp)| *stamp = origin + (start + period * i as f64) as i64);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Messages every 2 ms that are logged every `burst` ms, in the order that they were sent.
+    fn logged(burst: i64) -> Vec<i64> {
+        (0..1000)
+            .map(|i| 2 * i)
+            .map(|ms| (ms + burst - 1) / burst * burst * 1_000_000 + 20_000 * ((ms + burst - 2) % burst))
+            .collect()
+    }
+
+    #[test]
+    fn bursts_are_put_where_they_were_sent() {
+        for burst in [10, 20, 60] {
+            let mut stamps = logged(burst);
+            let said = even_out(&mut stamps).unwrap();
+            assert!(said.contains("bursts"), "{said}");
+            let late = |i: usize| (stamps[i] - 2_000_000 * i as i64).abs();
+            assert!((0..1000).all(|i| late(i) < 1_500_000), "{burst} {:?}", (0..1000).map(late).max());
+        }
+    }
+
+    #[test]
+    fn even_and_jittered_stamps_stay() {
+        let mut jittered: Vec<i64> = (0..1000).map(|i| 2_000_000 * i + (i * 7919 % 13) * 60_000).collect();
+        let before = jittered.clone();
+        assert_eq!((even_out(&mut jittered), jittered), (None, before));
+    }
+
+    #[test]
+    fn a_gap_stays_a_gap() {
+        let mut stamps = logged(20);
+        stamps[500..].iter_mut().for_each(|s| *s += 3_000_000_000);
+        even_out(&mut stamps).unwrap();
+        assert!((stamps[500] - stamps[499] - 3_002_000_000).abs() < 21_000_000);
+    }
+}
