@@ -170,7 +170,7 @@ fn has_better_rival(evidence: &Evidence, decision: &Decision, cause: usize) -> b
             && other.hypothesis.family != named.hypothesis.family
             && other.size.len() <= named.size.len()
     };
-    decision.order.iter().take_while(|k| **k != cause).any(|k| is_rival(k))
+    decision.order.iter().take_while(|k| **k != cause).any(is_rival)
 }
 
 /// Blocks that no event touches.
