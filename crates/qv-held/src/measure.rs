@@ -287,7 +287,9 @@ impl<'a> Target<'a> {
     /// Gauss and Newton's steps of a hypothesis of motors, friction or rotors: the equations are computed anew with its size, and with them what delays and
     /// scales that are pinned make of it. Whether its fit is better there.
     fn follow_drive(&self, tested: &mut HypothesisTest, request: &Request, source: &Source) -> Result<bool, HeldError> {
-        const STEPS: usize = 3;
+        const STEPS: usize = 8;
+        // A step that lowers the loss by less is the last.
+        const LEAST_FALL: f64 = 0.01;
         let mut size = tested.size.clone();
         let mut best: Option<HypothesisTest> = None;
         for _ in 0..STEPS {
@@ -296,14 +298,19 @@ impl<'a> Target<'a> {
             let balance = source.balance_about(&robot, self.balance, &places)?;
             let target = Target::new(&robot, &balance, self.study, self.null, self.context);
             let Some(mut found) = target.test(tested.hypothesis.clone(), 0.0) else { break };
-            if found.loss >= best.as_ref().unwrap_or(tested).loss {
+            let before = best.as_ref().unwrap_or(tested).loss;
+            if found.loss >= before {
                 break;
             }
+            let is_last = found.loss > (1.0 - LEAST_FALL) * before;
             target.note_left(&mut found, request.policy.alpha);
             size.iter_mut().zip(&found.size).for_each(|(all, more)| *all += more);
             found.size.clone_from(&size);
             found.acted[0].clone_from(&tested.acted[0]);
             best = Some(found);
+            if is_last {
+                break;
+            }
         }
         let Some(found) = best else { return Ok(false) };
         *tested = found;

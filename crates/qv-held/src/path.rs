@@ -184,12 +184,19 @@ impl Path {
         let (mut columns, mut values) = (Vec::new(), Vec::new());
         for term in OF_PATH {
             columns.push(Column::Joint(j, term));
-            values.push(if term == Term::StateLatency {
-                self.rows.iter().map(|&k| -self.signals.v[j][k]).collect()
-            } else {
-                let by = reach(term, &simulation.joint, usual, (servos.top[j], self.signals.step));
-                simulation.slope_of_term(term, by, &plain)
-            });
+            if term == Term::StateLatency {
+                values.push(self.rows.iter().map(|&k| -self.signals.v[j][k]).collect());
+                continue;
+            }
+            let by = reach(term, &simulation.joint, usual, (servos.top[j], self.signals.step));
+            // Gains are moved in proportion, and counted in what is stated.
+            let scale = match term {
+                Term::KpScale => robot.drives[j].kp,
+                Term::KdScale => robot.drives[j].kd,
+                _ => 1.0,
+            };
+            let slope = simulation.slope_of_term(term, by, &plain);
+            values.push(slope.into_iter().map(|x| x / scale).collect());
         }
         let carried = if links == Links::Known { 0 } else { self.carried[j].columns.len() };
         for k in 0..carried {
