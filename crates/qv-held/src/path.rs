@@ -22,10 +22,11 @@ const TURN: f64 = 0.05;
 const STRIBECK: f64 = 0.15;
 
 /// Terms of a joint; the last is what is reported late.
-const OF_PATH: [Term; 16] = [
+const OF_PATH: [Term; 18] = [
     Term::Coulomb,
     Term::Stribeck,
     Term::Viscous,
+    Term::Drag,
     Term::Load,
     Term::Offset,
     Term::Armature,
@@ -34,6 +35,7 @@ const OF_PATH: [Term; 16] = [
     Term::KdScale,
     Term::Strength,
     Term::CommandLatency,
+    Term::Lag,
     Term::LawOffset,
     Term::Limit,
     Term::Smoothing,
@@ -58,6 +60,7 @@ pub(crate) fn servos(robot: &Robot, form: LoadForm, top: &[f64]) -> Servos {
         load: vec![0.0; robot.joints()],
         offset: vec![0.0; robot.joints()],
         spring: stated("spring_stiffness"),
+        drag: stated("quadratic_drag"),
         clip: vec![1.0; robot.joints()],
         smoothing: vec![0.0; robot.joints()],
         slew: vec![0.0; robot.joints()],
@@ -132,10 +135,12 @@ impl Path {
             offset: servos.offset[j],
             armature: robot.armature[j],
             spring: servos.spring[j],
+            drag: servos.drag[j],
             kp: self.kp[j] * drive.kp,
             kd: self.kd[j] * drive.kd,
             strength: drive.strength,
             latency: drive.latency,
+            lag: drive.lag,
             bias: robot.bias[j],
             smoothing: servos.smoothing[j],
             slew: servos.slew[j],
@@ -326,10 +331,11 @@ fn reach(term: Term, joint: &ServoJoint, usual: f64, (top, step): (f64, f64)) ->
     match term {
         Term::Coulomb | Term::Stribeck | Term::Offset => 0.05 * usual,
         Term::Viscous => 0.05 * usual / top,
+        Term::Drag => 0.05 * usual / (top * top),
         Term::Load | Term::KpScale | Term::KdScale | Term::Strength | Term::Limit => 0.03,
         Term::Armature => 0.1 * joint.armature.max(1e-3),
         Term::Spring => 0.1 * usual,
-        Term::CommandLatency | Term::Smoothing => 0.3 * step,
+        Term::CommandLatency | Term::Smoothing | Term::Lag => 0.3 * step,
         Term::Slew => 0.03 / top,
         _ => 1e-3,
     }
@@ -343,6 +349,8 @@ fn is_at_zero(term: Term, joint: &ServoJoint, by: f64) -> bool {
         Term::Load => joint.load,
         Term::Armature => joint.armature,
         Term::CommandLatency => joint.latency,
+        Term::Lag => joint.lag,
+        Term::Drag => joint.drag,
         Term::Smoothing => joint.smoothing,
         Term::Slew => joint.slew,
         _ => return false,
@@ -355,6 +363,7 @@ fn shifted(mut joint: ServoJoint, term: Term, by: f64) -> ServoJoint {
         Term::Coulomb => joint.coulomb += by,
         Term::Stribeck => joint.stribeck += by,
         Term::Viscous => joint.viscous += by,
+        Term::Drag => joint.drag += by,
         Term::Load => joint.load += by,
         Term::Offset => joint.offset += by,
         Term::Armature => joint.armature += by,
@@ -366,6 +375,7 @@ fn shifted(mut joint: ServoJoint, term: Term, by: f64) -> ServoJoint {
         Term::Slew => joint.slew += by,
         Term::Strength => joint.strength += by,
         Term::CommandLatency => joint.latency += by,
+        Term::Lag => joint.lag += by,
         Term::LawOffset => joint.bias += by,
         _ => {}
     }

@@ -1,7 +1,8 @@
 //! A servo whose position alone is recorded: its joint simulated over a whole recording, the other joints on their measured paths.
 //!
 //! ```text
-//! (M + I) dv = s clip(kp (c(t - lag) - x) + tau_ff, tau_max) + s kd (dc - v) - G - K (x - q) - b v - f sign(v) - o - k x
+//! (M + I) dv = u - G - K (x - q) - b v - d v |v| - f sign(v) - o - k x
+//! T du = s clip(kp (c(t - lag) - x) + tau_ff, tau_max) + s kd (dc - v) - u
 //! f = fc + fs S + mu L,   S = exp(-|v| / vs)
 //! ```
 //!
@@ -37,6 +38,8 @@ pub(crate) struct Servos {
     pub load: Vec<f64>,
     pub offset: Vec<f64>,
     pub spring: Vec<f64>,
+    /// Quadratic drag \[N m s²/rad²\].
+    pub drag: Vec<f64>,
     /// Factors of the limits of the position's part.
     pub clip: Vec<f64>,
     /// Time constant of a low-pass filter of commanded positions \[s\], and reciprocal of the limit of their rate \[s/rad\], 0 without one.
@@ -60,11 +63,13 @@ pub(crate) struct ServoJoint {
     pub offset: f64,
     pub armature: f64,
     pub spring: f64,
+    pub drag: f64,
     pub kp: f64,
     pub kd: f64,
     pub strength: f64,
     /// \[s\]
     pub latency: f64,
+    pub lag: f64,
     pub bias: f64,
     pub smoothing: f64,
     pub slew: f64,
@@ -96,6 +101,8 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> Vec<f64> {
     let late = joint.latency / h;
     let count = drive.path.len();
     let [mut x, mut v] = drive.start;
+    let follow = qv_sim::lag_gain(h, joint.lag);
+    let mut lagged: Option<f64> = None;
     let mut out = Vec::with_capacity(count);
     for t in 0..count {
         out.push(x + joint.bias);
@@ -117,8 +124,17 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> Vec<f64> {
                 LoadForm::StaticMotor => motor.abs() * slow,
             };
             let friction = joint.coulomb + joint.stribeck * slow + joint.load * pressed;
-            let damping = (joint.strength * joint.kd + joint.viscous).max(0.0);
-            let torque = joint.strength * (pull + joint.kd * dc) - load - joint.offset - joint.spring * x;
+            let passive = joint.viscous + joint.drag * v.abs();
+            // A motor that follows at once damps implicitly; one that lags has the torque of earlier speeds.
+            let (torque, damping) = if joint.lag > 0.0 {
+                let before = lagged.unwrap_or(motor);
+                let now = before + follow * (motor - before);
+                lagged = Some(now);
+                (now, passive.max(0.0))
+            } else {
+                (joint.strength * (pull + joint.kd * dc), (joint.strength * joint.kd + passive).max(0.0))
+            };
+            let torque = torque - load - joint.offset - joint.spring * x;
             let whole = inertia + h * damping;
             let free = (inertia * v + h * torque) / whole;
             v = free.signum() * (free.abs() - h * friction / whole).max(0.0);
@@ -168,10 +184,12 @@ mod tests {
             offset: 0.0,
             armature: 0.02,
             spring: 0.0,
+            drag: 0.0,
             kp: 20.0,
             kd: 0.4,
             strength: 1.0,
             latency: 0.0,
+            lag: 0.0,
             bias: 0.0,
             smoothing: 0.0,
             slew: 0.0,
@@ -218,6 +236,15 @@ mod tests {
         let slack = ServoJoint { coulomb: 1.0, ..joint() };
         let rest = moved(&slack, 2.0)[399];
         assert!((rest - (0.3 - 2.0 / 20.0)).abs() <= 1.0 / 20.0 + 1e-9, "{rest}");
+    }
+
+    #[test]
+    fn drag_brakes_fast_motion_and_a_lag_delays_the_torque() {
+        let plain = moved(&joint(), 0.0);
+        let braked = moved(&ServoJoint { drag: 0.5, ..joint() }, 0.0);
+        let late = moved(&ServoJoint { lag: 0.02, ..joint() }, 0.0);
+        assert!(braked[8] < plain[8] - 1e-3 && (braked[399] - 0.3).abs() < 1e-3, "{} {}", braked[8], plain[8]);
+        assert!(late[2] < 0.6 * plain[2] && (late[399] - 0.3).abs() < 1e-2, "{} {}", late[2], plain[2]);
     }
 
     #[test]

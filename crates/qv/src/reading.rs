@@ -28,8 +28,8 @@ pub struct Reading {
     /// Read the robot under this namespace, if the bag has several
     #[arg(long, value_name = "/NAME", help_heading = "Input", hide_short_help = true)]
     pub namespace: Option<String>,
-    /// Read commands in the convention that they are found in: order of joints, signs, units, offsets, gains, stamps
-    #[arg(long)]
+    /// Read commands in the convention that was identified [see: qv inspect]
+    #[arg(long, help_heading = "Input")]
     pub fix: bool,
 }
 
