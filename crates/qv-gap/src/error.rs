@@ -56,6 +56,9 @@ impl From<qv_held::HeldError> for GapError {
                 "a controller that holds the model",
                 format!("{faulty} of {all} robots that ran away"),
             ),
+            qv_held::HeldError::Short(has, needs) => {
+                Self::run("recording", format!("{needs} s of positions"), format!("{has} s"))
+            }
             qv_held::HeldError::Rollout(error) => error.into(),
             qv_held::HeldError::Sim(error) => Self::Sim(error),
         }

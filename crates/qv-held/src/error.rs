@@ -13,6 +13,9 @@ pub enum HeldError {
         /// Why.
         reason: String,
     },
+    /// Positions are compared for too short a time: what there is, and what is needed \[s\].
+    #[error("cannot compare positions: {0} s can be, and {1} are needed")]
+    Short(f64, f64),
     /// Robots of the fleet ran away: how many, of how many.
     #[error("cannot simulate references: {0} of {1} robots ran away, for the controller does not hold the model")]
     Fleet(usize, usize),

@@ -107,8 +107,7 @@ impl Path {
         let stride = (1.0 / (RATE * signals.step)).round().max(1.0) as usize;
         let rows: Vec<usize> = (0..count).step_by(stride).filter(|&k| signals.valid[k]).collect();
         if rows.len() < LEAST_ROWS {
-            let (has, needs) = (rows.len() as f64 / RATE, LEAST_ROWS as f64 / RATE);
-            return Err(HeldError::recording("recording", format!("{has} s can be compared, and {needs} are needed")));
+            return Err(HeldError::Short(rows.len() as f64 / RATE, LEAST_ROWS as f64 / RATE));
         }
         let substeps = (signals.step / STEP).ceil().max(1.0) as usize;
         let fine = Grid { start: signals.time[0], step: signals.step / substeps as f64, count: count * substeps };

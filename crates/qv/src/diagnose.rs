@@ -70,7 +70,7 @@ pub struct Diagnose {
     scene: Option<PathBuf>,
     /// Read camera intrinsics and extrinsics (base_from_camera)
     ///
-    /// Keys: width, height, fx, fy, cx, cy, distortion, and base_from_camera with position [m] and quaternion (w, x, y, z).
+    /// Keys: width, height, fx, fy, cx, cy, distortion, and base_from_camera with position (m) and quaternion (w, x, y, z).
     #[arg(long, value_name = "FILE.toml", requires = "scene", help_heading = "Scene", hide_short_help = true)]
     camera: Option<PathBuf>,
     /// Read images from this topic [default: the one with most images]

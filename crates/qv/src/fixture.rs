@@ -31,10 +31,10 @@ pub struct Fixture {
     /// Walk on this labelled mesh [flat at height 0 at the start]
     #[arg(long = "terrain", value_name = "FILE.glb", alias = "ground", help_heading = "Input")]
     ground: Option<PathBuf>,
-    /// Override the friction of a label [repeatable]
+    /// Override the friction of a label (repeatable)
     #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value, help_heading = "Input")]
     friction: Vec<(String, f64)>,
-    /// Set the start pose: x [m], y [m], yaw [rad]
+    /// Set the start pose: x (m), y (m), yaw (rad)
     #[arg(long, value_name = "X,Y,YAW", default_value = "0,0,0", allow_hyphen_values = true, value_parser = place, help_heading = "Input")]
     start: [f64; 3],
     /// Set the hidden command latency

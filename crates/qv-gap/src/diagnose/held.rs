@@ -17,8 +17,9 @@ pub(super) fn is_weighed(prepared: &PreparedRuns) -> bool {
     is_fixed && qv_held::can_measure(&prepared.usable, &prepared.reference)
 }
 
-/// The diagnosis, and those without each of the `leave_out` first effects. None where simulated robots do not follow the recording's commands, and
-/// where beside them something is there that no hypothesis explains: the path with windows knows more effects, such as backlash and drift.
+/// The diagnosis, and those without each of the `leave_out` first effects. None where simulated robots do not follow the recording's commands, where
+/// a piece of a reference of servos is too short, and where beside simulated robots something is there that no hypothesis explains: the path with
+/// windows knows more effects, such as backlash and drift.
 pub(super) fn diagnose(
     prepared: &PreparedRuns,
     model: &Model,
@@ -60,7 +61,7 @@ fn one(
         policy: &options.policy.held,
     };
     let held = match qv_held::measure(&request) {
-        Err(qv_held::HeldError::Fleet(..)) => return Ok(None),
+        Err(qv_held::HeldError::Fleet(..) | qv_held::HeldError::Short(..)) => return Ok(None),
         measured => measured?,
     };
     let named = match qv_held::decide(&held, &options.policy.held).outcome {

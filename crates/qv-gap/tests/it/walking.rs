@@ -157,7 +157,7 @@ fn a_cause_that_only_imitates_another_is_doubted() {
     assert!(report.causes.is_empty() && report.corrections.is_empty());
     // By what the law leaves, or by the lag that is asked for beside the gain.
     let reports = |line: &String| line.states("RL") || line.states("actuator");
-    let doubted = report.next.iter().any(|line| line.starts_with("Not accused: motor_gain_kd") && reports(line));
+    let doubted = report.next.iter().any(|line| line.starts_with("Not identified: motor_gain_kd") && reports(line));
     assert!(doubted, "{:?}", report.next);
 }
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 const FILES: [&str; 3] = ["rl_sar_go2", "dls_go2", "playground_go1"];
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("descriptions")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../qv-go2/descriptions")
 }
 
 fn text(name: &str) -> String {

@@ -38,6 +38,8 @@ pub(super) struct Law {
     /// Offset of the command \[rad\], and its standard error over blocks.
     pub offset: f64,
     pub offset_error: f64,
+    /// Offset with the stiffness that is stated \[rad\]: a latency weakens the fitted one, and an offset makes up for it.
+    pub stated_offset: f64,
     /// Share of the torque's variance that is left.
     pub left: f64,
 }
@@ -126,11 +128,14 @@ pub(super) fn fit(s: &Samples, commands: &[f64], pairing: Pairing, forward: f64)
     let all: f64 = near.iter().map(|(_, y)| (y - mean).powi(2)).sum();
     let left: f64 = near.iter().map(|(x, y)| miss(&c, x, *y).powi(2)).sum();
     let offset_error = spread_of_offset(&near, &c);
+    let offset = c[2] / c[0];
+    let stated_offset = if s.states_gains { mean_offset(&near, 1.0, c[1]) } else { offset };
     (all > 1e-6 * near.len() as f64).then(|| Law {
         stiffness: c[0],
         damping: c[1],
-        offset: c[2] / c[0],
+        offset,
         offset_error,
+        stated_offset,
         left: left / all,
     })
 }
@@ -147,15 +152,20 @@ pub(super) fn judge(
     let Some([stiffness, damping]) = usual.filter(|_| free.left >= USED) else { return Some(free) };
     let rows: Vec<([f64; 3], f64)> = (0..s.time.len()).filter_map(|i| row(s, commands, pairing, forward, i)).collect();
     let n = rows.len() as f64;
-    let without = [stiffness, damping, 0.0, 0.0];
-    let offset = rows.iter().map(|(x, y)| miss(&without, x, *y) / (x[2] * stiffness)).sum::<f64>() / n;
+    let offset = mean_offset(&rows, stiffness, damping);
     let c = [stiffness, damping, offset * stiffness, 0.0];
     let mean = rows.iter().map(|(_, y)| y).sum::<f64>() / n;
     let all: f64 = rows.iter().map(|(_, y)| (y - mean).powi(2)).sum();
     let left: f64 = rows.iter().map(|(x, y)| miss(&c, x, *y).powi(2)).sum();
     let offset_error = spread_of_offset(&rows, &c);
     // Torques that are all noise leave all of it.
-    Some(Law { stiffness, damping, offset, offset_error, left: NOISE * left / all })
+    Some(Law { stiffness, damping, offset, offset_error, stated_offset: offset, left: NOISE * left / all })
+}
+
+/// Mean offset of the command with a stiffness and a damping \[rad\].
+fn mean_offset(rows: &[([f64; 3], f64)], stiffness: f64, damping: f64) -> f64 {
+    let without = [stiffness, damping, 0.0, 0.0];
+    rows.iter().map(|(x, y)| miss(&without, x, *y) / (x[2] * stiffness)).sum::<f64>() / rows.len() as f64
 }
 
 /// Standard error of the offset, by what is left in eighths of the recording.

@@ -250,11 +250,12 @@ impl<'a> CommandChannel<'a> {
     }
 
     fn offset(&mut self, joint: usize, found: JointLaw) {
-        let Law { offset, offset_error, .. } = found.law;
+        let Law { offset, offset_error, stated_offset, .. } = found.law;
         let [least, errors] = LEAST_OFFSET;
         // What firmware makes of commands that move is not all found.
         let is_sure = self.reading.shape.is_none() || found.law.left < HOLDS;
-        let is_clear = is_sure && offset.abs() > least && offset.abs() > errors * offset_error;
+        let size = if offset * stated_offset > 0.0 { offset.abs().min(stated_offset.abs()) } else { 0.0 };
+        let is_clear = is_sure && size > least && size > errors * offset_error;
         if !is_clear || found.pairing.position != joint {
             return;
         }
@@ -424,7 +425,7 @@ fn shape(run: &Run, s: &Samples, delay: f64, signed: &[bool]) -> Option<Shape> {
     for _ in 0..2 {
         best = least(best.1.around().into_iter().map(gain).chain([best]).collect())?;
     }
-    // Torques that lag behind the whole law are an actuator's.
+    // Torques that lag behind the whole law are an actuator's, unless the shape leaves far less.
     let lagging = |time: f64| {
         let shape = Shape::LowPass(time);
         let mut slow = run.clone();
@@ -433,8 +434,10 @@ fn shape(run: &Run, s: &Samples, delay: f64, signed: &[bool]) -> Option<Shape> {
         let samples = Samples::of(&slow)?.thinned(3);
         Some(best_third(lefts(&samples, &shape.of(commands), 0.0)))
     };
-    let is_actuator =
-        [0.5, 0.75, 1.0, 1.3].iter().filter_map(|by| lagging(by * best.1.time()?)).any(|left| left < best.0);
+    let is_actuator = [0.5, 0.75, 1.0, 1.3]
+        .iter()
+        .filter_map(|by| lagging(by * best.1.time()?))
+        .any(|left| left < best.0 - SHAPED.ln());
     (best.0 < SHAPED.ln() && !is_actuator).then_some(best.1)
 }
 

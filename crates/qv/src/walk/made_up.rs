@@ -34,7 +34,7 @@ pub struct MadeUp {
         help_heading = "Input"
     )]
     ground: String,
-    /// Override the friction of a label [repeatable]
+    /// Override the friction of a label (repeatable)
     #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value, help_heading = "Input", hide_short_help = true)]
     friction: Vec<(String, f64)>,
     /// Require level ground around each start pose on a mesh
