@@ -1,6 +1,6 @@
 //! The conventions of the command channel: order of joints, sign, unit, offset, gains, stamps, and what firmware makes of commands.
 //!
-//! Where torques were recorded the law of the motors shows it ([`law`]), else the motion of the joints ([`follow`]). What is found is reported
+//! Where torques were recorded the law of the motors shows it (`law`), else the motion of the joints (`follow`). What is found is reported
 //! with the line for `run.toml` that reads it so; nothing is changed until that is asked for ([`fix`]).
 
 mod analysis;
