@@ -54,15 +54,12 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     let mut robot = Robot::new(first, request.model, request.given)?;
     let is_fleet = request.references.is_empty();
     let recorded = pieces(request.references, PIECES);
-    let mut is_servo = false;
-    if request.runs.iter().chain(&recorded).any(|run| torques(run).is_none()) {
-        if !request.runs.iter().chain(&recorded).all(path::can_follow) {
-            return Err(HeldError::recording("recording", "neither torques nor commands of servos"));
-        }
-        is_servo = true;
+    let lacks_torques = request.runs.iter().chain(&recorded).any(|run| torques(run).is_none());
+    if lacks_torques && !request.runs.iter().chain(&recorded).all(path::can_follow) {
+        return Err(HeldError::recording("recording", "neither torques nor commands of servos"));
     }
     let bends = bends(if is_fleet { request.runs } else { &recorded }, request.runs, &robot)?;
-    if is_servo {
+    if lacks_torques {
         robot.servos = Some(path::servos(&robot, FORMS[0], &bends.top));
     }
     let period = first.measured.position.as_ref().map_or(0.0, |p| qv_recording::median_interval(&p.time));

@@ -200,8 +200,12 @@ mod tests {
     }
 
     fn moved(joint: &ServoJoint, load: f64) -> Vec<f64> {
+        moved_by(joint, load, &[0.3; 4000])
+    }
+
+    fn moved_by(joint: &ServoJoint, load: f64, moving: &[f64]) -> Vec<f64> {
         let zeros = vec![0.0; 400];
-        let (still, moving) = (vec![0.0; 4000], vec![0.3; 4000]);
+        let still = vec![0.0; 4000];
         let drive = Drive {
             step: 0.01,
             substeps: 10,
@@ -209,7 +213,7 @@ mod tests {
             carried: &vec![load; 400],
             inertia: &vec![0.03; 400],
             slope: &zeros,
-            commands: [&moving, &still, &still],
+            commands: [moving, &still, &still],
             start: [0.0; 2],
         };
         simulate(joint, &drive)
@@ -242,9 +246,13 @@ mod tests {
     fn drag_brakes_fast_motion_and_a_lag_delays_the_torque() {
         let plain = moved(&joint(), 0.0);
         let braked = moved(&ServoJoint { drag: 0.5, ..joint() }, 0.0);
-        let late = moved(&ServoJoint { lag: 0.02, ..joint() }, 0.0);
+        // The motor has the torque of its first command from the start: the step comes after 0.1 s.
+        let step: Vec<f64> = (0..4000).map(|k| if k < 100 { 0.0 } else { 0.3 }).collect();
+        // A lag takes kp times itself from the damping, 0.4 of 1.2 N m s/rad.
+        let prompt = moved_by(&ServoJoint { kd: 1.2, ..joint() }, 0.0, &step);
+        let late = moved_by(&ServoJoint { kd: 1.2, lag: 0.02, ..joint() }, 0.0, &step);
         assert!(braked[8] < plain[8] - 1e-3 && (braked[399] - 0.3).abs() < 1e-3, "{} {}", braked[8], plain[8]);
-        assert!(late[2] < 0.6 * plain[2] && (late[399] - 0.3).abs() < 1e-2, "{} {}", late[2], plain[2]);
+        assert!(late[12] < 0.6 * prompt[12] && (late[399] - 0.3).abs() < 1e-2, "{} {}", late[12], prompt[12]);
     }
 
     #[test]
