@@ -58,10 +58,12 @@ pub(crate) enum Term {
     /// Low-pass filter of commanded positions, and limit of their rate: firmware between command and motor.
     Smoothing,
     Slew,
+    /// Greatest torque of a servo's motor.
+    Cap,
 }
 
 /// All terms, in the order of their places.
-pub(crate) const TERMS: [Term; 19] = [
+pub(crate) const TERMS: [Term; 20] = [
     Term::Coulomb,
     Term::Stribeck,
     Term::Viscous,
@@ -81,6 +83,7 @@ pub(crate) const TERMS: [Term; 19] = [
     Term::Limit,
     Term::Smoothing,
     Term::Slew,
+    Term::Cap,
 ];
 
 /// Terms of the balance of a joint: the first ten.

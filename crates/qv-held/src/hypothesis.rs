@@ -38,7 +38,10 @@ pub struct Axis {
     /// Values of these as the robot is stated.
     pub nominal: Vec<f64>,
     /// Value of the parameters where the size is 1, read off the recording: of limits, which are there or not.
-    pub remarks: Option<f64>,
+    pub at_one: Option<f64>,
+    /// Value that is reported where the size is zero: nought but of limits that are a number.
+    #[serde(default)]
+    pub at_zero: f64,
     /// Values that are physical.
     pub range: [f64; 2],
 }
@@ -148,6 +151,7 @@ fn joint_effects() -> Vec<JointEffect> {
             false,
         ),
         (Term::Limit, "torque_limit", ("actuator", "torque_limit"), "N m", Family::Drive, [0.5, 1.5], false),
+        (Term::Cap, "torque_limit", ("actuator", "torque_limit"), "N m", Family::Drive, [-MOST, 0.0], false),
         (Term::Lag, "actuator_lag", ("actuator", "lag"), "s", Family::Latency, [0.0, 0.1], false),
     ];
     all.into_iter()
@@ -166,7 +170,7 @@ fn joint_effects() -> Vec<JointEffect> {
 /// All hypotheses that the equations of a recording can show.
 pub(crate) fn hypotheses(robot: &Robot, balance: &Balance, limits: &[f64], without: &[String]) -> Vec<Hypothesis> {
     let mut all = Vec::new();
-    // A limit of a servo is uncertain, and read off nothing.
+    // The limit of a servo's position part is uncertain, and read off nothing.
     for effect in joint_effects().into_iter().filter(|e| e.term != Term::Limit || robot.servos.is_none()) {
         of_joints(robot, balance, (&effect, limits), &mut all);
     }
@@ -193,6 +197,7 @@ fn of_joints(robot: &Robot, balance: &Balance, (effect, limits): (&JointEffect, 
         Term::Armature => robot.armature[j],
         _ => 0.0,
     };
+    let cap = |j: usize| robot.servos.as_ref().map_or(f64::INFINITY, |s| s.cap[j]);
     let keys: &[&str] = if effect.term == Term::Load {
         &["load_friction_motor", "load_friction_external"]
     } else {
@@ -208,9 +213,14 @@ fn of_joints(robot: &Robot, balance: &Balance, (effect, limits): (&JointEffect, 
     let axis = |joints: &[usize]| Axis {
         name: effect.parameter.1.into(),
         unit: effect.unit.into(),
-        nominal: moved(joints).iter().map(|name| robot.nominal(name)).collect(),
+        nominal: if effect.term == Term::Cap {
+            joints.iter().map(|&j| cap(j)).collect()
+        } else {
+            moved(joints).iter().map(|name| robot.nominal(name)).collect()
+        },
         parameters: moved(joints),
-        remarks: (effect.term == Term::Limit).then(|| joints.iter().map(|&j| limits[j]).fold(0.0, f64::max)),
+        at_zero: if effect.term == Term::Cap { joints.iter().map(|&j| cap(j)).fold(0.0, f64::max) } else { 0.0 },
+        at_one: (effect.term == Term::Limit).then(|| joints.iter().map(|&j| limits[j]).fold(0.0, f64::max)),
         range: [joints.iter().map(|&j| effect.range[0] - stated(j)).fold(f64::NEG_INFINITY, f64::max), effect.range[1]],
     };
     // What pushes a joint along takes from the torque of its motor; motor and load both press on the gear.
@@ -233,7 +243,8 @@ fn of_joints(robot: &Robot, balance: &Balance, (effect, limits): (&JointEffect, 
         });
     };
     joints.iter().for_each(|&j| push(vec![names[j].clone()], &[vec![j]]));
-    if joints.len() > 1 {
+    // Motors of different size have no limit in common.
+    if joints.len() > 1 && effect.term != Term::Cap {
         push(vec!["all".into()], std::slice::from_ref(&joints));
         if effect.is_free_in_each {
             push(vec!["all".into()], &joints.iter().map(|&j| vec![j]).collect::<Vec<_>>());
@@ -248,7 +259,8 @@ fn of_link(robot: &Robot, l: usize, all: &mut Vec<Hypothesis>) {
         unit: unit.into(),
         nominal: vec![robot.nominal(&format!("link.{}.{name}", link.name))],
         parameters: vec![format!("link.{}.{name}", link.name)],
-        remarks: None,
+        at_one: None,
+        at_zero: 0.0,
         range,
     };
     let mass = axis("payload_mass", "kg", [-0.9 * link.mass, MOST]);

@@ -30,6 +30,11 @@ const FOLDS: usize = 5;
 const RATE: f64 = 25.0;
 /// Pieces of a single reference.
 const PIECES: usize = 4;
+/// Torque below which no motor is asked for one \[N m\].
+const LEAST_TORQUE: f64 = 1e-6;
+/// Lags \[s\] and shares of the greatest torque from which these are followed, whose columns at zero say little of large sizes.
+const LAGS: [f64; 4] = [0.004, 0.008, 0.016, 0.032];
+const CAPS: [f64; 5] = [0.8, 0.6, 0.45, 0.3, 0.2];
 /// Best hypotheses beside which events are looked for.
 const FOLLOWED: usize = 10;
 /// Standard deviation of a drive's scale below which it counts as known.
@@ -69,6 +74,7 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
         robot = calibrated(&robot, &sources, tolerances, period)?;
     }
     let source = Source::new(request.runs, &robot, &bends)?;
+    bound_torques(&mut robot, sources.iter().chain([&source]));
     let target = source.balance(&robot)?;
     let nuisance = nuisance(&robot, &target, tolerances, period);
     // References of servos say nothing of masses, whose gravity is what gains are known by: in each recording links may be anywhere within tolerances.
@@ -98,6 +104,16 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     let mut evidence = target.evidence(request, &joints);
     target.follow(&mut evidence, request, &source)?;
     Ok(evidence)
+}
+
+/// Caps motors at the greatest torque that they are asked for in any recording, from where a lower limit shows.
+fn bound_torques<'a>(robot: &mut Robot, sources: impl Iterator<Item = &'a Source<'a>>) {
+    let all: Vec<Vec<f64>> = sources.filter_map(|source| source.greatest_torques(robot)).collect();
+    let Some(servos) = &mut robot.servos else { return };
+    for (j, cap) in servos.cap.iter_mut().enumerate() {
+        let greatest = all.iter().map(|of| of[j]).fold(0.0, f64::max);
+        *cap = cap.min(greatest.max(LEAST_TORQUE));
+    }
 }
 
 /// Root mean square torque of each joint \[N m\], shape `[joints]`.
@@ -261,10 +277,18 @@ impl<'a> Target<'a> {
         let mut order: Vec<usize> = (0..evidence.tested.len()).collect();
         let loss = |t: &HypothesisTest| t.losses.iter().sum::<f64>();
         order.sort_by(|&a, &b| loss(&evidence.tested[a]).total_cmp(&loss(&evidence.tested[b])));
-        order.truncate(FOLLOWED);
+        let starts = (evidence.tested.par_iter().map(|t| self.start(&t.hypothesis, source)))
+            .collect::<Result<Vec<Option<Vec<f64>>>, HeldError>>()?;
+        let rank = order.iter().enumerate().filter(|(rank, k)| *rank < FOLLOWED || starts[**k].is_some());
+        let order: Vec<usize> = rank.map(|(_, k)| *k).collect();
         let one = |&k: &usize| -> Result<(usize, HypothesisTest), HeldError> {
             let mut tested = evidence.tested[k].clone();
-            if !self.follow_drive(&mut tested, request, source)? {
+            let is_there = match &starts[k] {
+                Some(start) => self.follow_drive(&mut tested, start, request, source)?,
+                None => false,
+            };
+            let start = tested.size.clone();
+            if !is_there && !self.follow_drive(&mut tested, &start, request, source)? {
                 self.note_left(&mut tested, request.policy.alpha);
             }
             Ok((k, tested))
@@ -272,6 +296,27 @@ impl<'a> Target<'a> {
         let followed = order.par_iter().map(one).collect::<Result<Vec<_>, _>>()?;
         followed.into_iter().for_each(|(k, tested)| evidence.tested[k] = tested);
         Ok(())
+    }
+
+    /// The best of some sizes of a lag or a limit where that is better than none: columns about zero say little of large ones.
+    fn start(&self, hypothesis: &Hypothesis, source: &Source) -> Result<Option<Vec<f64>>, HeldError> {
+        let ([direction], Some(servos)) = (&hypothesis.directions[..], &self.robot.servos) else { return Ok(None) };
+        let terms: Vec<(usize, Term)> = direction.iter().filter_map(|d| self.study.layout.term(d.0)).collect();
+        let sizes: Vec<f64> = match terms.first() {
+            Some((_, Term::Lag)) => LAGS.to_vec(),
+            Some(&(joint, Term::Cap)) => CAPS.map(|share| (share - 1.0) * servos.cap[joint]).to_vec(),
+            _ => return Ok(None),
+        };
+        let joints: Vec<usize> = terms.iter().map(|t| t.0).collect();
+        let mut best = (source.loss(self.robot, &joints)?, None);
+        for size in sizes {
+            let Some(robot) = moved(self.robot, self.study.layout, &places(hypothesis, &[size])) else { continue };
+            let loss = source.loss(&robot, &joints)?;
+            if loss < best.0 {
+                best = (loss, Some(vec![size]));
+            }
+        }
+        Ok(best.1)
     }
 
     /// Notes what a hypothesis leaves of torques, and the events in that.
@@ -283,11 +328,17 @@ impl<'a> Target<'a> {
 
     /// Gauss and Newton's steps of a hypothesis of motors, friction or rotors: the equations are computed anew with its size, and with them what delays and
     /// scales that are pinned make of it. Whether its fit is better there.
-    fn follow_drive(&self, tested: &mut HypothesisTest, request: &Request, source: &Source) -> Result<bool, HeldError> {
+    fn follow_drive(
+        &self,
+        tested: &mut HypothesisTest,
+        start: &[f64],
+        request: &Request,
+        source: &Source,
+    ) -> Result<bool, HeldError> {
         const STEPS: usize = 8;
         // A step that lowers the loss by less is the last.
         const LEAST_FALL: f64 = 0.01;
-        let mut size = tested.size.clone();
+        let mut size = start.to_vec();
         let mut best: Option<HypothesisTest> = None;
         for _ in 0..STEPS {
             let places = places(&tested.hypothesis, &size);
@@ -337,10 +388,15 @@ impl<'a> Target<'a> {
             }
         }
         let directions = &hypothesis.directions;
-        let of_references = |band: usize| -> Option<Vec<Fit>> {
-            self.null.left_out.iter().map(|r| r.bands[band].fit(directions)).collect()
+        // References reached the torques that bound a limit: none of them has one below.
+        let is_limit = directions.iter().flatten().all(|d| matches!(self.study.layout.term(d.0), Some((_, Term::Cap))));
+        let of_references = |band: usize| -> Option<Vec<Vec<f64>>> {
+            if is_limit {
+                return Some(vec![vec![0.0; directions.len()]; self.null.left_out.len()]);
+            }
+            self.null.left_out.iter().map(|r| r.bands[band].fit(directions).map(|own| own.size)).collect()
         };
-        let left_out: Vec<Vec<f64>> = of_references(0)?.into_iter().map(|own| own.size).collect();
+        let left_out = of_references(0)?;
         let [losses, none, with] = self.losses(directions, &own)?;
         let influences = own.influences(&self.blocks[0])?;
         let change = self.change(directions, &own, (&influences, &left_out), of_references(1));
@@ -354,8 +410,9 @@ impl<'a> Target<'a> {
         own.play.iter().enumerate().for_each(|(i, play)| unseen[(i, i)] += play * play / 3.0);
         // When a command came within the one before it is not seen: evenly within an interval.
         for (i, direction) in directions.iter().enumerate() {
-            let is_late =
-                direction.iter().all(|d| matches!(self.study.layout.term(d.0), Some((_, Term::CommandLatency))));
+            let is_time =
+                |term| term == Term::CommandLatency || (term == Term::StateLatency && self.robot.servos.is_some());
+            let is_late = direction.iter().all(|d| self.study.layout.term(d.0).is_some_and(|t| is_time(t.1)));
             unseen[(i, i)] += if is_late { self.context.interval.powi(2) / 12.0 } else { 0.0 };
         }
         Some(HypothesisTest {
@@ -454,7 +511,7 @@ impl<'a> Target<'a> {
         directions: &[Direction],
         narrow: &Fit,
         (influences_narrow, left_out): (&[Vec<f64>], &[Vec<f64>]),
-        of_references: Option<Vec<Fit>>,
+        of_references: Option<Vec<Vec<f64>>>,
     ) -> Option<Change> {
         let wide = self.profiles.bands[1].fit(directions)?;
         let influences_wide = wide.influences(&self.blocks[1])?;
@@ -467,7 +524,7 @@ impl<'a> Target<'a> {
         Some(Change {
             size: difference(&wide.size, &narrow.size),
             sandwich: square(&outer_sum(&stacked)),
-            left_out: of_references?.iter().zip(left_out).map(|(w, n)| difference(&w.size, n)).collect(),
+            left_out: of_references?.iter().zip(left_out).map(|(w, n)| difference(w, n)).collect(),
         })
     }
 

@@ -18,11 +18,13 @@ const STEP: f64 = 0.002;
 const LEAST_ROWS: usize = 100;
 /// Turn by which the slope of gravity is taken \[rad\].
 const TURN: f64 = 0.05;
+/// Share of its greatest torque to which a motor is limited for the column of its limit.
+const SHOWN_CAP: f64 = 0.9;
 /// Speed of Stribeck's friction as a share of the usual top speed.
 const STRIBECK: f64 = 0.15;
 
-/// Terms of a joint; the last is what is reported late.
-const OF_PATH: [Term; 18] = [
+/// Terms of a joint.
+const OF_PATH: [Term; 19] = [
     Term::Coulomb,
     Term::Stribeck,
     Term::Viscous,
@@ -40,6 +42,7 @@ const OF_PATH: [Term; 18] = [
     Term::Limit,
     Term::Smoothing,
     Term::Slew,
+    Term::Cap,
     Term::StateLatency,
 ];
 
@@ -64,9 +67,17 @@ pub(crate) fn servos(robot: &Robot, form: LoadForm, top: &[f64]) -> Servos {
         clip: vec![1.0; robot.joints()],
         smoothing: vec![0.0; robot.joints()],
         slew: vec![0.0; robot.joints()],
+        cap: stated_caps(robot),
+        late: vec![0.0; robot.joints()],
         top: top.to_vec(),
         inertial: vec![0.0; INERTIAL * robot.model.links.len()],
     }
+}
+
+/// Greatest torques as they are stated \[N m\], without bound where they are not.
+fn stated_caps(robot: &Robot) -> Vec<f64> {
+    let of = |name: &String| robot.nominal(&format!("actuator.{name}.torque_limit"));
+    robot.model.joint_names().iter().map(of).map(|x| if x > 0.0 { x } else { f64::INFINITY }).collect()
 }
 
 /// Whether equations have columns of links.
@@ -143,7 +154,9 @@ impl Path {
             bias: robot.bias[j],
             smoothing: servos.smoothing[j],
             slew: servos.slew[j],
+            late: servos.late[j],
             limit: robot.limit[j] * servos.clip[j],
+            cap: servos.cap[j],
             turn: STRIBECK * servos.top[j],
             form: servos.form,
         }
@@ -167,11 +180,17 @@ impl Path {
         }
     }
 
-    /// What a robot leaves of each joint's position \[rad\], shape `[joints][rows]`.
-    pub fn left(&self, robot: &Robot, servos: &Servos) -> Vec<Vec<f64>> {
+    /// What a robot leaves of the positions of some joints \[rad\], shape `[joints][rows]`.
+    pub fn left(&self, robot: &Robot, servos: &Servos, joints: &[usize]) -> Vec<Vec<f64>> {
+        let of = |&j: &usize| self.residual(j, &Simulation::new(self, robot, servos, j).plain());
+        joints.iter().map(of).collect()
+    }
+
+    /// Greatest torque that each motor is asked for \[N m\], shape `[joints]`.
+    pub fn greatest_torques(&self, robot: &Robot, servos: &Servos) -> Vec<f64> {
         let of = |j: usize| {
-            let simulation = Simulation::new(self, robot, servos, j);
-            self.residual(j, &simulation.plain())
+            let free = ServoJoint { cap: f64::INFINITY, ..self.joint(robot, servos, j) };
+            Simulation::new(self, robot, servos, j).greatest_torque(&free)
         };
         (0..robot.joints()).map(of).collect()
     }
@@ -188,10 +207,6 @@ impl Path {
         let (mut columns, mut values) = (Vec::new(), Vec::new());
         for term in OF_PATH {
             columns.push(Column::Joint(j, term));
-            if term == Term::StateLatency {
-                values.push(self.rows.iter().map(|&k| -self.signals.v[j][k]).collect());
-                continue;
-            }
             let by = reach(term, &simulation.joint, usual, (servos.top[j], self.signals.step));
             // Gains are moved in proportion, and counted in what is stated.
             let scale = match term {
@@ -199,7 +214,11 @@ impl Path {
                 Term::KdScale => robot.drives[j].kd,
                 _ => 1.0,
             };
-            let slope = simulation.slope_of_term(term, by, &plain);
+            let slope = if term == Term::Cap {
+                simulation.slope_of_cap(&plain)
+            } else {
+                simulation.slope_of_term(term, by, &plain)
+            };
             values.push(slope.into_iter().map(|x| x / scale).collect());
         }
         let carried = if links == Links::Known { 0 } else { self.carried[j].columns.len() };
@@ -248,8 +267,18 @@ impl<'a> Simulation<'a> {
         }
     }
 
+    fn carried(&self) -> [&[f64]; 3] {
+        [0, 1, 2].map(|k| &self.load[k][..])
+    }
+
     /// Positions at the rows \[rad\].
-    fn run(&self, joint: &ServoJoint, commands: &[f64], [carried, inertia, slope]: [&[f64]; 3]) -> Vec<f64> {
+    fn run(&self, joint: &ServoJoint, commands: &[f64], load: [&[f64]; 3]) -> Vec<f64> {
+        let (all, _) = self.all(joint, commands, load);
+        self.path.rows.iter().map(|&k| all[k]).collect()
+    }
+
+    /// Positions at all instants \[rad\], and the greatest torque that the motor is asked for \[N m\].
+    fn all(&self, joint: &ServoJoint, commands: &[f64], [carried, inertia, slope]: [&[f64]; 3]) -> (Vec<f64>, f64) {
         let (path, j) = (self.path, self.place);
         // The path is measured with the bias that is stated; what it is beyond moves the encoder alone.
         let q = &path.signals.q[j];
@@ -263,12 +292,11 @@ impl<'a> Simulation<'a> {
             commands: [commands, &path.commands[j][1], &path.commands[j][2]],
             start: [q[0] + path.bias[j] - joint.bias, path.signals.v[j][0]],
         };
-        let all = simulate(joint, &drive);
-        path.rows.iter().map(|&k| all[k]).collect()
+        simulate(joint, &drive)
     }
 
     fn plain(&self) -> Vec<f64> {
-        self.run(&self.joint, &self.commands, [0, 1, 2].map(|k| &self.load[k][..]))
+        self.run(&self.joint, &self.commands, self.carried())
     }
 
     /// Torque that the joint usually carries \[N m\].
@@ -277,8 +305,25 @@ impl<'a> Simulation<'a> {
         quantile(all, 0.9).max(0.2 * self.joint.kp * 0.01).max(1e-3)
     }
 
+    /// Greatest torque that a motor is asked for \[N m\].
+    fn greatest_torque(&self, joint: &ServoJoint) -> f64 {
+        self.all(joint, &self.commands, self.carried()).1
+    }
+
+    /// By a lower limit of the motor, from the one that shows: above the greatest torque it does nothing.
+    fn slope_of_cap(&self, plain: &[f64]) -> Vec<f64> {
+        let joint = self.joint;
+        let greatest = self.greatest_torque(&joint).min(joint.cap);
+        let lower = ServoJoint { cap: SHOWN_CAP * greatest, ..joint };
+        let by = joint.cap - lower.cap;
+        if !by.is_finite() || by <= 0.0 {
+            return vec![0.0; plain.len()];
+        }
+        slopes(plain, &self.run(&lower, &self.commands, self.carried()), by)
+    }
+
     fn slope_of_term(&self, term: Term, by: f64, plain: &[f64]) -> Vec<f64> {
-        let load = [0, 1, 2].map(|k| &self.load[k][..]);
+        let load = self.carried();
         let at = |x: f64| {
             let joint = shifted(self.joint, term, x);
             if matches!(term, Term::Smoothing | Term::Slew) {
@@ -334,7 +379,7 @@ fn reach(term: Term, joint: &ServoJoint, usual: f64, (top, step): (f64, f64)) ->
         Term::Load | Term::KpScale | Term::KdScale | Term::Strength | Term::Limit => 0.03,
         Term::Armature => 0.1 * joint.armature.max(1e-3),
         Term::Spring => 0.1 * usual,
-        Term::CommandLatency | Term::Smoothing | Term::Lag => 0.3 * step,
+        Term::CommandLatency | Term::StateLatency | Term::Smoothing | Term::Lag => 0.3 * step,
         Term::Slew => 0.03 / top,
         _ => 1e-3,
     }
@@ -348,6 +393,7 @@ fn is_at_zero(term: Term, joint: &ServoJoint, by: f64) -> bool {
         Term::Load => joint.load,
         Term::Armature => joint.armature,
         Term::CommandLatency => joint.latency,
+        Term::StateLatency => joint.late,
         Term::Lag => joint.lag,
         Term::Drag => joint.drag,
         Term::Smoothing => joint.smoothing,
@@ -374,6 +420,7 @@ fn shifted(mut joint: ServoJoint, term: Term, by: f64) -> ServoJoint {
         Term::Slew => joint.slew += by,
         Term::Strength => joint.strength += by,
         Term::CommandLatency => joint.latency += by,
+        Term::StateLatency => joint.late += by,
         Term::Lag => joint.lag += by,
         Term::LawOffset => joint.bias += by,
         _ => {}

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! (M + I) dv = u - G - K (x - q) - b v - d v |v| - f sign(v) - o - k x
-//! T du = s clip(kp (c(t - lag) - x) + tau_ff, tau_max) + s kd (dc - v) - u
+//! T dw = s clip(kp (c(t - lag) - x) + tau_ff, tau_max) + s kd (dc - v) - w,   u = clip(w, cap)
 //! f = fc + fs S + mu L,   S = exp(-|v| / vs)
 //! ```
 //!
@@ -45,6 +45,9 @@ pub(crate) struct Servos {
     /// Time constant of a low-pass filter of commanded positions \[s\], and reciprocal of the limit of their rate \[s/rad\], 0 without one.
     pub smoothing: Vec<f64>,
     pub slew: Vec<f64>,
+    /// Greatest torques of the motors \[N m\], and delays of reported positions \[s\].
+    pub cap: Vec<f64>,
+    pub late: Vec<f64>,
     /// Usual top speeds in the references \[rad/s\].
     pub top: Vec<f64>,
     /// What links have beyond the model, shape `[links * 10]`.
@@ -73,8 +76,11 @@ pub(crate) struct ServoJoint {
     pub bias: f64,
     pub smoothing: f64,
     pub slew: f64,
-    /// Limit of the position's part \[N m\], and speed of Stribeck's friction \[rad/s\].
+    /// Delay of the reported positions \[s\]. The path, which is as late, carries the joint: it moves as if commands were late.
+    pub late: f64,
+    /// Limit of the position's part \[N m\], of the motor's torque, and speed of Stribeck's friction \[rad/s\].
     pub limit: f64,
+    pub cap: f64,
     pub turn: f64,
     pub form: LoadForm,
 }
@@ -95,17 +101,18 @@ pub(crate) struct Drive<'a> {
     pub start: [f64; 2],
 }
 
-/// Positions of a joint at each instant \[rad\] as its encoder reports them.
-pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> Vec<f64> {
+/// Positions of a joint at each instant \[rad\] as its encoder reports them, and the greatest torque that its motor is asked for \[N m\].
+pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> (Vec<f64>, f64) {
     let h = drive.step / drive.substeps as f64;
-    let late = joint.latency / h;
+    let late = (joint.latency + joint.late) / h;
     let count = drive.path.len();
     let [mut x, mut v] = drive.start;
     let follow = qv_sim::lag_gain(h, joint.lag);
     let mut lagged: Option<f64> = None;
-    let mut out = Vec::with_capacity(count);
+    let mut turned = Vec::with_capacity(count);
+    let mut greatest: f64 = 0.0;
     for t in 0..count {
-        out.push(x + joint.bias);
+        turned.push(x + joint.bias);
         let next = (t + 1).min(count - 1);
         for k in 0..drive.substeps {
             let part = k as f64 / drive.substeps as f64;
@@ -126,11 +133,14 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> Vec<f64> {
             let friction = joint.coulomb + joint.stribeck * slow + joint.load * pressed;
             let passive = joint.viscous + joint.drag * v.abs();
             // A motor that follows at once damps implicitly; one that lags has the torque of earlier speeds.
+            let before = lagged.unwrap_or(motor);
+            let now = before + follow * (motor - before);
+            lagged = Some(now);
+            greatest = greatest.max(now.abs());
             let (torque, damping) = if joint.lag > 0.0 {
-                let before = lagged.unwrap_or(motor);
-                let now = before + follow * (motor - before);
-                lagged = Some(now);
-                (now, passive.max(0.0))
+                (now.clamp(-joint.cap, joint.cap), passive.max(0.0))
+            } else if motor.abs() > joint.cap {
+                (motor.clamp(-joint.cap, joint.cap), passive.max(0.0))
             } else {
                 (joint.strength * (pull + joint.kd * dc), (joint.strength * joint.kd + passive).max(0.0))
             };
@@ -141,7 +151,7 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> Vec<f64> {
             x += h * v;
         }
     }
-    out
+    (turned, greatest)
 }
 
 /// Commanded positions as the firmware of a servo passes them on: low-pass filtered, then limited in rate; `step` is between samples \[s\].
@@ -193,7 +203,9 @@ mod tests {
             bias: 0.0,
             smoothing: 0.0,
             slew: 0.0,
+            late: 0.0,
             limit: f64::INFINITY,
+            cap: f64::INFINITY,
             turn: 0.1,
             form: LoadForm::None,
         }
@@ -216,7 +228,7 @@ mod tests {
             commands: [moving, &still, &still],
             start: [0.0; 2],
         };
-        simulate(joint, &drive)
+        simulate(joint, &drive).0
     }
 
     #[test]
@@ -253,6 +265,15 @@ mod tests {
         let late = moved_by(&ServoJoint { kd: 1.2, lag: 0.02, ..joint() }, 0.0, &step);
         assert!(braked[8] < plain[8] - 1e-3 && (braked[399] - 0.3).abs() < 1e-3, "{} {}", braked[8], plain[8]);
         assert!(late[12] < 0.6 * prompt[12] && (late[399] - 0.3).abs() < 1e-2, "{} {}", late[12], prompt[12]);
+    }
+
+    #[test]
+    fn a_cap_bounds_the_acceleration() {
+        let plain = moved(&joint(), 0.0);
+        // 1 N m on 0.05 kg m²: 20 rad/s² at most.
+        let capped = moved(&ServoJoint { cap: 1.0, ..joint() }, 0.0);
+        assert!((capped[5] - 0.5 * 20.0 * 0.05 * 0.05).abs() < 2e-3, "{}", capped[5]);
+        assert!((capped[399] - 0.3).abs() < 1e-3 && plain[5] > 1.5 * capped[5]);
     }
 
     #[test]

@@ -64,12 +64,26 @@ impl<'a> Source<'a> {
         all.into_iter().reduce(Balance::joined).ok_or_else(|| HeldError::recording("recordings", "there is none"))
     }
 
-    /// What a robot leaves of the positions of servos \[rad\], shape `[recordings][joints][rows]`; none of torques.
-    fn left(&self, robot: &Robot) -> Result<Vec<Vec<Vec<f64>>>, HeldError> {
+    /// What a robot leaves of the positions of some servos \[rad\], shape `[recordings][joints][rows]`; none of torques.
+    fn left(&self, robot: &Robot, joints: &[usize]) -> Result<Vec<Vec<Vec<f64>>>, HeldError> {
         match (self, &robot.servos) {
-            (Self::Paths(paths), Some(servos)) => Ok(paths.par_iter().map(|path| path.left(robot, servos)).collect()),
+            (Self::Paths(paths), Some(servos)) => {
+                Ok(paths.par_iter().map(|path| path.left(robot, servos, joints)).collect())
+            }
             _ => Err(HeldError::recording("robot", "it has no servos")),
         }
+    }
+
+    /// Mean over some joints of the log of what a robot leaves of their positions.
+    pub fn loss(&self, robot: &Robot, joints: &[usize]) -> Result<f64, HeldError> {
+        Ok(loss(&self.left(robot, joints)?))
+    }
+
+    /// Greatest torque that each motor is asked for in these recordings \[N m\], shape `[joints]`; none where torques are weighed.
+    pub fn greatest_torques(&self, robot: &Robot) -> Option<Vec<f64>> {
+        let (Self::Paths(paths), Some(servos)) = (self, &robot.servos) else { return None };
+        let all: Vec<Vec<f64>> = paths.par_iter().map(|path| path.greatest_torques(robot, servos)).collect();
+        Some((0..robot.joints()).map(|j| all.iter().map(|of| of[j]).fold(0.0, f64::max)).collect())
     }
 }
 
@@ -90,7 +104,8 @@ pub(crate) fn moved<'a>(robot: &Robot<'a>, layout: Layout, deviations: &[(usize,
             (Term::Coulomb, _) => robot.coulomb[joint] += x,
             (Term::Viscous, _) => robot.viscous[joint] += x,
             (Term::Armature, _) => robot.armature[joint] += x,
-            (Term::StateLatency, Some(_)) => return None,
+            (Term::StateLatency, Some(servos)) => servos.late[joint] += x,
+            (Term::Cap, Some(servos)) => servos.cap[joint] += x,
             (Term::Stribeck, Some(servos)) => servos.stribeck[joint] += x,
             (Term::Load, Some(servos)) => servos.load[joint] += x,
             (Term::Offset, Some(servos)) => servos.offset[joint] += x,
@@ -104,8 +119,11 @@ pub(crate) fn moved<'a>(robot: &Robot<'a>, layout: Layout, deviations: &[(usize,
             _ => return None,
         }
     }
-    let is_clipped = robot.servos.as_ref().is_none_or(|s| s.clip.iter().all(|c| (0.2..5.0).contains(c)));
-    (is_clipped && robot.drives.iter().all(Drive::is_sound)).then_some(robot)
+    let is_sound = robot.servos.as_ref().is_none_or(|s| {
+        let is_clipped = s.clip.iter().all(|c| (0.2..5.0).contains(c));
+        is_clipped && s.cap.iter().all(|c| *c > 0.0) && s.late.iter().all(|t| (0.0..0.2).contains(t))
+    });
+    (is_sound && robot.drives.iter().all(Drive::is_sound)).then_some(robot)
 }
 
 /// Puts what cannot be negative at zero; viscous friction may take from the damping of the motor.
@@ -136,7 +154,7 @@ struct References<'a> {
 
 impl References<'_> {
     fn loss(&self, robot: &Robot) -> Result<f64, HeldError> {
-        let left = self.sources.par_iter().map(|s| s.left(robot)).collect::<Result<Vec<_>, _>>()?;
+        let left = self.sources.par_iter().map(|s| s.left(robot, &all_of(robot))).collect::<Result<Vec<_>, _>>()?;
         Ok(loss(&left.concat()))
     }
 

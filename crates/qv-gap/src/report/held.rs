@@ -164,8 +164,8 @@ impl Page<'_> {
         let (tested, judged) = (&self.held.tested[k], &self.decision.judged[k]);
         let one = |(i, axis): (usize, &qv_held::Axis)| ParameterEstimate {
             name: axis.name.clone(),
-            value: axis.remarks.unwrap_or(tested.size[i]),
-            ci95: if axis.remarks.is_some() { [f64::NAN; 2] } else { judged.ci95[i] },
+            value: axis.at_one.unwrap_or(axis.at_zero + tested.size[i]),
+            ci95: if axis.at_one.is_some() { [f64::NAN; 2] } else { judged.ci95[i].map(|x| axis.at_zero + x) },
             unit: axis.unit.clone(),
         };
         tested.hypothesis.axes.iter().enumerate().map(one).collect()
@@ -252,7 +252,7 @@ impl Page<'_> {
         let mut all = Vec::new();
         for (axis, size) in tested.hypothesis.axes.iter().zip(&tested.size) {
             for (parameter, nominal) in axis.parameters.iter().zip(&axis.nominal) {
-                let value = axis.remarks.unwrap_or(nominal + size);
+                let value = axis.at_one.unwrap_or(nominal + size);
                 all.push(Correction {
                     parameter: parameter.clone(),
                     value,
@@ -283,7 +283,7 @@ impl Page<'_> {
                 scope: tested.hypothesis.scope.clone(),
                 parameter: axis.name.clone(),
                 unit: axis.unit.clone(),
-                least_size: Some(*least).filter(|x| x.is_finite() && axis.remarks.is_none()),
+                least_size: Some(*least).filter(|x| x.is_finite() && axis.at_one.is_none()),
                 tolerance: f64::NAN,
                 range: if is_bounded { axis.range } else { [f64::NAN; 2] },
                 confusable_with: Vec::new(),
