@@ -2,7 +2,7 @@
 //!
 //! A folder holds `run.csv`, `run.toml` and `robot.urdf`. One line of JSON per recording, or one for all `--together`: outcome, the best hypotheses with their tests, and seconds.
 
-use qv_held::{Decision, Evidence, Outcome, Policy, Request, decide, measure};
+use qv_held::{Decision, Evidence, Outcome, PairJudgement, PairTest, Policy, Request, decide, measure};
 use qv_recording::Run;
 use qv_sim::{BaseKind, Model, ModelOptions};
 use serde_json::{Value, json};
@@ -69,8 +69,19 @@ fn line(folder: &str, evidence: &Evidence, decision: &Decision, seconds: f64) ->
         "loss": evidence.loss,
         "references": evidence.left_out,
         "best": best,
+        "pairs": (evidence.pairs.iter().zip(&decision.pairs)).map(pair).collect::<Vec<Value>>(),
         "events": decision.events.len(),
         "seconds": seconds,
+    })
+}
+
+fn pair((pair, judged): (&PairTest, &PairJudgement)) -> Value {
+    json!({
+        "effect": pair.test.hypothesis.effect,
+        "members": pair.members,
+        "size": pair.test.size,
+        "judged": judged,
+        "loss": pair.test.loss,
     })
 }
 

@@ -1,7 +1,7 @@
 //! From evidence to a verdict: tests whose numbers are rates, shares or variances that the data give. Nothing is simulated.
 
 use crate::distribution::{fisher_tail, student_quantile, student_tail};
-use crate::evidence::{Change, Event, Evidence, HypothesisTest, Square};
+use crate::evidence::{Change, Event, Evidence, HypothesisTest, PairTest, Square};
 use crate::hypothesis::Tolerances;
 use qv_fit::linear::{Cholesky, Matrix, dot};
 use serde::{Deserialize, Serialize};
@@ -63,6 +63,21 @@ pub struct Judgement {
     pub least: Vec<f64>,
 }
 
+/// How a pair did.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PairJudgement {
+    /// Tests of both numbers together.
+    pub tests: Judgement,
+    /// Probability of each member's size beside the other's; alpha over the number of hypotheses is asked for.
+    pub p_members: [f64; 2],
+    /// Probability of predicting blocks by chance so much better than a single cause, the largest over all of these.
+    pub p_alone: f64,
+    /// Share that it takes of what its better member leaves.
+    pub share_beside: f64,
+    /// Whether no test refuses it.
+    pub passed: bool,
+}
+
 /// What is there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Outcome {
@@ -70,6 +85,8 @@ pub enum Outcome {
     None,
     /// A steady cause, by its index, and whether it leaves no gap.
     Cause(usize, bool),
+    /// Two steady causes, by the index of their pair, and whether they leave no gap.
+    Pair(usize, bool),
     /// Torques from outside, and whether they leave no gap.
     Events(bool),
     /// Something, and nothing passed all tests.
@@ -83,6 +100,8 @@ pub struct Decision {
     pub outcome: Outcome,
     /// Of each hypothesis.
     pub judged: Vec<Judgement>,
+    /// Of each pair.
+    pub pairs: Vec<PairJudgement>,
     /// Indices of hypotheses from the best on.
     pub order: Vec<usize>,
     /// Probability of a gap as large in a robot like its references.
@@ -115,9 +134,60 @@ pub fn decide(evidence: &Evidence, policy: &Policy) -> Decision {
     let level = (1.0 - policy.level) / evidence.tested.len().max(1) as f64;
     let none_in_set = best.is_none_or(|b| p_better(&evidence.tested[b].losses, &evidence.none, l0) > level);
     let p_gap = p_gap(evidence, evidence.loss);
-    let mut decision = Decision { outcome: Outcome::None, judged, order, p_gap, none_in_set, events: Vec::new() };
+    let pairs = evidence.pairs.iter().map(|pair| judge_pair(evidence, pair, policy, moderation)).collect();
+    let mut decision =
+        Decision { outcome: Outcome::None, judged, pairs, order, p_gap, none_in_set, events: Vec::new() };
     decision.outcome = outcome(evidence, policy, &mut decision);
+    if let Some((k, pair)) = pair_in_place_of(evidence, policy, &decision) {
+        decision.events = Vec::new();
+        decision.outcome = Outcome::Pair(k, crate::decision::p_gap(evidence, pair.test.loss) >= policy.alpha);
+    }
     decision
+}
+
+/// The best pair that passed, where no single cause explains the gap; none where another pair predicts better than chance.
+fn pair_in_place_of<'a>(evidence: &'a Evidence, policy: &Policy, decision: &Decision) -> Option<(usize, &'a PairTest)> {
+    if !matches!(decision.outcome, Outcome::Unexplained | Outcome::Cause(_, false) | Outcome::Events(false)) {
+        return None;
+    }
+    let loss = |k: usize| mean(&evidence.pairs[k].test.losses);
+    let mut order: Vec<usize> = (0..evidence.pairs.len()).collect();
+    order.sort_by(|&a, &b| loss(a).total_cmp(&loss(b)));
+    let named = order.iter().copied().find(|&k| decision.pairs[k].passed)?;
+    let (best, own) = (&evidence.pairs[order[0]].test.losses, &evidence.pairs[named].test.losses);
+    let is_in_set = p_better(best, own, evidence.reference_loss()) > 1.0 - policy.level;
+    is_in_set.then(|| (named, &evidence.pairs[named]))
+}
+
+/// A pair must need both of its members: each has a size beside the other's, predicts better with it, and leaves much without.
+fn judge_pair(evidence: &Evidence, pair: &PairTest, policy: &Policy, moderation: [[f64; 2]; 2]) -> PairJudgement {
+    let (test, l0) = (&pair.test, evidence.reference_loss());
+    let tests = judge(evidence, test, policy, moderation);
+    let (variance, freedom) = variances(evidence, test, moderation[0], 1.0);
+    let last = test.size.len() - 1;
+    let p_member = |i: usize| 2.0 * student_tail(test.size[i].abs() / variance[i].sqrt().max(1e-300), freedom.max(1.0));
+    let p_members = [p_member(0), p_member(last)];
+    let alone = pair.members.map(|k| &evidence.tested[k]);
+    let single = evidence.tested.iter().map(|one| p_better(&test.losses, &one.losses, l0));
+    let p_alone = single.fold(0.0, f64::max);
+    let better = alone.iter().map(|one| one.loss).fold(f64::INFINITY, f64::min);
+    let share_beside = (better - test.loss) / (better - l0).max(1e-12);
+    let asked = policy.alpha / evidence.tested.len().max(1) as f64;
+    let is_known = [0, last].iter().all(|&i| tests.ci95[i][0] * tests.ci95[i][1] > 0.0);
+    let is_in =
+        |i: usize| (test.hypothesis.axes[i].range[0]..=test.hypothesis.axes[i].range[1]).contains(&test.size[i]);
+    // What lies within the tolerances is no cause of its own.
+    let is_large = [0, last].iter().zip(pair.tolerances).all(|(&i, least)| test.size[i].abs() > least);
+    let is_quiet = test.events.as_ref().unwrap_or(&evidence.events).is_empty();
+    let passed = p_members.iter().all(|p| *p < asked)
+        && p_alone < policy.alpha
+        && is_known
+        && is_large
+        && (0..=last).all(is_in)
+        && is_quiet
+        && tests.share >= policy.least_share
+        && share_beside >= policy.least_share;
+    PairJudgement { tests, p_members, p_alone, share_beside, passed }
 }
 
 fn outcome(evidence: &Evidence, policy: &Policy, decision: &mut Decision) -> Outcome {
@@ -129,7 +199,10 @@ fn outcome(evidence: &Evidence, policy: &Policy, decision: &mut Decision) -> Out
     }
     if let Some(k) = cause {
         let left = events_beside(k);
-        let is_steady = left.is_empty() || acts_outside(evidence, k, left, policy, policy.alpha);
+        // What predicts its share of all blocks, events and all, from others is no torque of a moment.
+        let is_steady = left.is_empty()
+            || predicted_share(evidence, k) >= policy.least_share
+            || acts_outside(evidence, k, left, policy, policy.alpha);
         if is_steady {
             decision.events = left.to_vec();
             return Outcome::Cause(k, is_explained(evidence.tested[k].loss) && left.is_empty());
@@ -180,6 +253,12 @@ fn outside<'a>(evidence: &'a Evidence, events: &'a [Event]) -> impl Iterator<Ite
         events.iter().all(|e| e.time[1] < from || e.time[0] > until)
     };
     (0..evidence.blocks.len()).filter(is_free)
+}
+
+/// Share of the excess over the references that a hypothesis takes away in blocks that its fit has not seen.
+fn predicted_share(evidence: &Evidence, k: usize) -> f64 {
+    let (own, none) = (mean(&evidence.tested[k].losses), mean(&evidence.none));
+    (none - own) / (none - evidence.reference_loss()).max(1e-12)
 }
 
 /// Whether a hypothesis predicts blocks outside of the events, and takes its share there.

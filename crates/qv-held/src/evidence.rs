@@ -66,6 +66,17 @@ pub struct HypothesisTest {
     pub left: Vec<Vec<f64>>,
 }
 
+/// Two hypotheses at once.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PairTest {
+    /// Its members, by their indices among all hypotheses.
+    pub members: [usize; 2],
+    /// Both at their best: axes of the first, then the axis of the second.
+    pub test: HypothesisTest,
+    /// Sizes of the first number of each that robots of one make may differ by.
+    pub tolerances: [f64; 2],
+}
+
 /// Friction and rotor of a joint, whatever the verdict.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointRow {
@@ -128,6 +139,9 @@ pub struct Evidence {
     pub left_out: Vec<[f64; 2]>,
     /// All hypotheses.
     pub tested: Vec<HypothesisTest>,
+    /// Pairs of the best of them, where none alone explains the gap.
+    #[serde(default)]
+    pub pairs: Vec<PairTest>,
     /// Events without a steady cause.
     pub events: Vec<Event>,
     /// Joints.
@@ -138,9 +152,9 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Torques over time with what a hypothesis, by its index, makes of them.
-    pub fn torque_traces(&self, hypothesis: Option<usize>) -> Vec<TorqueTrace> {
-        let left = hypothesis.map_or(&[][..], |k| &self.tested[k].left);
+    /// Torques over time with what a hypothesis makes of them.
+    pub fn torque_traces(&self, cause: Option<&HypothesisTest>) -> Vec<TorqueTrace> {
+        let left = cause.map_or(&[][..], |tested| &tested.left);
         let mut all = self.traces.clone();
         all.iter_mut()
             .zip(left)

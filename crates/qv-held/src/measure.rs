@@ -2,6 +2,7 @@
 
 use crate::HeldError;
 use crate::balance::{Balance, Column, Equation, Kind, Robot, Term, bends, has_torques, torques};
+use crate::decision::{Outcome, decide};
 use crate::events::{Wander, left, scan};
 use crate::evidence::{Change, Event, Evidence, HypothesisTest, JointRow, Square};
 use crate::fleet;
@@ -12,10 +13,10 @@ use crate::profile::Fit;
 use crate::request::Request;
 use crate::servo::FORMS;
 use crate::slices::pieces;
-use crate::source::{Source, calibrated, moved};
+use crate::source::{Source, calibrated};
 use crate::study::{Profiles, Reference, Study, free_fit};
 use crate::table::joint_rows;
-use crate::traces::{torques_left, traces};
+use crate::traces::traces;
 use glam::DVec3;
 use qv_fit::linear::{Cholesky, Matrix, add_outer, add_scaled_matrix, product, times};
 use qv_recording::Run;
@@ -32,11 +33,6 @@ const RATE: f64 = 25.0;
 const PIECES: usize = 4;
 /// Torque below which no motor is asked for one \[N m\].
 const LEAST_TORQUE: f64 = 1e-6;
-/// Lags \[s\] and shares of the greatest torque from which these are followed, whose columns at zero say little of large sizes.
-const LAGS: [f64; 4] = [0.004, 0.008, 0.016, 0.032];
-const CAPS: [f64; 5] = [0.8, 0.6, 0.45, 0.3, 0.2];
-/// Best hypotheses beside which events are looked for.
-const FOLLOWED: usize = 10;
 /// Standard deviation of a drive's scale below which it counts as known.
 const KNOWN: f64 = 0.1;
 
@@ -103,6 +99,9 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
     let target = Target::new(&robot, &target, &study, &null, &context);
     let mut evidence = target.evidence(request, &joints);
     target.follow(&mut evidence, request, &source)?;
+    if needs_pairs(&decide(&evidence, request.policy).outcome) {
+        evidence.pairs = target.pairs(&evidence, request, &source)?;
+    }
     Ok(evidence)
 }
 
@@ -151,7 +150,7 @@ fn weighed(source: &Source, robot: &Robot, target: &Balance) -> Result<(Referenc
 }
 
 /// References as if each were to be diagnosed by the others.
-struct Null {
+pub(crate) struct Null {
     left_out: Vec<Profiles>,
     /// Fits of these without a cause.
     fits: Vec<Fit>,
@@ -182,7 +181,7 @@ impl Null {
 }
 
 /// What neither rows nor references say.
-struct Context<'a> {
+pub(crate) struct Context<'a> {
     /// Limits that motors seem to have \[N m\], shape `[joints]`.
     limits: Vec<f64>,
     /// Usual top speeds \[rad/s\], shape `[joints]`.
@@ -194,12 +193,12 @@ struct Context<'a> {
 }
 
 /// A recording beside its references.
-struct Target<'a> {
-    robot: &'a Robot<'a>,
-    balance: &'a Balance,
-    study: &'a Study<'a>,
+pub(crate) struct Target<'a> {
+    pub robot: &'a Robot<'a>,
+    pub balance: &'a Balance,
+    pub study: &'a Study<'a>,
     null: &'a Null,
-    profiles: Profiles,
+    pub profiles: Profiles,
     none: Fit,
     /// Sums of all rows of the narrow band.
     sum: Matrix,
@@ -238,6 +237,11 @@ impl<'a> Target<'a> {
         Self { robot, balance, study, null, profiles, none, sum, blocks, ranges: narrow, none_rows, context }
     }
 
+    /// The same about another robot.
+    pub fn about<'b>(&'b self, robot: &'b Robot<'b>, balance: &'b Balance) -> Target<'b> {
+        Target::new(robot, balance, self.study, self.null, self.context)
+    }
+
     fn evidence(&self, request: &Request, nuisance: &Nuisance) -> Evidence {
         let all = hypotheses(self.robot, self.balance, &self.context.limits, request.without);
         let scales = self.gain_spread();
@@ -262,6 +266,7 @@ impl<'a> Target<'a> {
                 .map(|(r, fit)| [fit.loss / r.rows, free_loss(r, &everything)])
                 .collect(),
             tested,
+            pairs: Vec::new(),
             events: self.events(&self.none, 0.0, alpha),
             traces: traces(self.robot, self.balance, &self.none_rows),
             joints: if self.robot.servos.is_some() {
@@ -272,108 +277,15 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Follows the best hypotheses: to where their columns are those of their sizes, and to the events that are left beside them.
-    fn follow(&self, evidence: &mut Evidence, request: &Request, source: &Source) -> Result<(), HeldError> {
-        let mut order: Vec<usize> = (0..evidence.tested.len()).collect();
-        let loss = |t: &HypothesisTest| t.losses.iter().sum::<f64>();
-        order.sort_by(|&a, &b| loss(&evidence.tested[a]).total_cmp(&loss(&evidence.tested[b])));
-        let starts = (evidence.tested.par_iter().map(|t| self.start(&t.hypothesis, source)))
-            .collect::<Result<Vec<Option<Vec<f64>>>, HeldError>>()?;
-        let rank = order.iter().enumerate().filter(|(rank, k)| *rank < FOLLOWED || starts[**k].is_some());
-        let order: Vec<usize> = rank.map(|(_, k)| *k).collect();
-        let one = |&k: &usize| -> Result<(usize, HypothesisTest), HeldError> {
-            let mut tested = evidence.tested[k].clone();
-            let is_there = match &starts[k] {
-                Some(start) => self.follow_drive(&mut tested, start, request, source)?,
-                None => false,
-            };
-            let start = tested.size.clone();
-            if !is_there && !self.follow_drive(&mut tested, &start, request, source)? {
-                self.note_left(&mut tested, request.policy.alpha);
-            }
-            Ok((k, tested))
-        };
-        let followed = order.par_iter().map(one).collect::<Result<Vec<_>, _>>()?;
-        followed.into_iter().for_each(|(k, tested)| evidence.tested[k] = tested);
-        Ok(())
-    }
-
-    /// The best of some sizes of a lag or a limit where that is better than none: columns about zero say little of large ones.
-    fn start(&self, hypothesis: &Hypothesis, source: &Source) -> Result<Option<Vec<f64>>, HeldError> {
-        let ([direction], Some(servos)) = (&hypothesis.directions[..], &self.robot.servos) else { return Ok(None) };
-        let terms: Vec<(usize, Term)> = direction.iter().filter_map(|d| self.study.layout.term(d.0)).collect();
-        let sizes: Vec<f64> = match terms.first() {
-            Some((_, Term::Lag)) => LAGS.to_vec(),
-            Some(&(joint, Term::Cap)) => CAPS.map(|share| (share - 1.0) * servos.cap[joint]).to_vec(),
-            _ => return Ok(None),
-        };
-        let joints: Vec<usize> = terms.iter().map(|t| t.0).collect();
-        let mut best = (source.loss(self.robot, &joints)?, None);
-        for size in sizes {
-            let Some(robot) = moved(self.robot, self.study.layout, &places(hypothesis, &[size])) else { continue };
-            let loss = source.loss(&robot, &joints)?;
-            if loss < best.0 {
-                best = (loss, Some(vec![size]));
-            }
-        }
-        Ok(best.1)
-    }
-
-    /// Notes what a hypothesis leaves of torques, and the events in that.
-    fn note_left(&self, tested: &mut HypothesisTest, alpha: f64) {
-        let Some(fit) = self.profiles.bands[0].fit(&tested.hypothesis.directions) else { return };
-        tested.events = Some(self.events(&fit, tested.loss, alpha));
-        tested.left = torques_left(self.balance, self.study.layout, &fit.values);
-    }
-
-    /// Gauss and Newton's steps of a hypothesis of motors, friction or rotors: the equations are computed anew with its size, and with them what delays and
-    /// scales that are pinned make of it. Whether its fit is better there.
-    fn follow_drive(
-        &self,
-        tested: &mut HypothesisTest,
-        start: &[f64],
-        request: &Request,
-        source: &Source,
-    ) -> Result<bool, HeldError> {
-        const STEPS: usize = 8;
-        // A step that lowers the loss by less is the last.
-        const LEAST_FALL: f64 = 0.01;
-        let mut size = start.to_vec();
-        let mut best: Option<HypothesisTest> = None;
-        for _ in 0..STEPS {
-            let places = places(&tested.hypothesis, &size);
-            let Some(robot) = moved(self.robot, self.study.layout, &places) else { break };
-            let balance = source.balance_about(&robot, self.balance, &places)?;
-            let target = Target::new(&robot, &balance, self.study, self.null, self.context);
-            let Some(mut found) = target.test(tested.hypothesis.clone(), 0.0) else { break };
-            let before = best.as_ref().unwrap_or(tested).loss;
-            if found.loss >= before {
-                break;
-            }
-            let is_last = found.loss > (1.0 - LEAST_FALL) * before;
-            target.note_left(&mut found, request.policy.alpha);
-            size.iter_mut().zip(&found.size).for_each(|(all, more)| *all += more);
-            found.size.clone_from(&size);
-            found.acted[0].clone_from(&tested.acted[0]);
-            best = Some(found);
-            if is_last {
-                break;
-            }
-        }
-        let Some(found) = best else { return Ok(false) };
-        *tested = found;
-        Ok(true)
-    }
-
     /// Events beside a hypothesis, over what it leaves: a large cause leaves more than references do (Birge, Physical Review 40, 1932).
-    fn events(&self, fit: &Fit, loss: f64, alpha: f64) -> Vec<Event> {
+    pub fn events(&self, fit: &Fit, loss: f64, alpha: f64) -> Vec<Event> {
         let rows: Vec<Vec<f64>> =
             self.balance.equations.iter().map(|e| left(e, self.study.layout, &fit.values)).collect();
         let scale = (loss / self.null.loss.max(1e-12)).max(1.0).sqrt();
         scan(self.balance, &rows, (&self.null.wander, scale), self.robot.model.joint_names(), alpha)
     }
 
-    fn test(&self, mut hypothesis: Hypothesis, scales: f64) -> Option<HypothesisTest> {
+    pub fn test(&self, mut hypothesis: Hypothesis, scales: f64) -> Option<HypothesisTest> {
         let narrow = &self.profiles.bands[0];
         let mut own = narrow.fit(&hypothesis.directions)?;
         if let Some(link) = hypothesis.load_on {
@@ -529,7 +441,7 @@ impl<'a> Target<'a> {
     }
 
     /// Mean square by which scales of drives differ from 1 in the references, of those that are known.
-    fn gain_spread(&self) -> f64 {
+    pub fn gain_spread(&self) -> f64 {
         if self.study.is_fleet {
             return 0.0;
         }
@@ -595,8 +507,13 @@ impl<'a> Target<'a> {
     }
 }
 
+/// Whether more than one cause may be there.
+fn needs_pairs(outcome: &Outcome) -> bool {
+    matches!(outcome, Outcome::Unexplained | Outcome::Cause(_, false) | Outcome::Events(false))
+}
+
 /// Deviations of a hypothesis at places among the columns.
-fn places(hypothesis: &Hypothesis, size: &[f64]) -> Vec<(usize, f64)> {
+pub(crate) fn places(hypothesis: &Hypothesis, size: &[f64]) -> Vec<(usize, f64)> {
     let of_axis = |(direction, x): (&Direction, &f64)| -> Vec<(usize, f64)> {
         direction.iter().map(|&(place, factor)| (place, x * factor)).collect()
     };

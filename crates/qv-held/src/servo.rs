@@ -118,7 +118,9 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> (Vec<f64>, f64) {
             let part = k as f64 / drive.substeps as f64;
             let between = |of: &[f64]| of[t] + part * (of[next] - of[t]);
             let [c, dc, ahead] = drive.commands.map(|of| delayed(of, (t * drive.substeps + k) as f64 - late));
-            let (carried, inertia) = (between(drive.carried), between(drive.inertia) + joint.armature);
+            let carried = between(drive.carried);
+            // Less inertia than a step can follow runs away.
+            let inertia = (between(drive.inertia) + joint.armature).max(h * h * joint.strength * joint.kp);
             let pull = (joint.kp * (c - x - joint.bias) + ahead).clamp(-joint.limit, joint.limit);
             let load = carried + between(drive.slope) * (x - between(drive.path));
             let slow = (-v.abs() / joint.turn).exp();

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 const STEPS: usize = 20;
 const SLACKS: [f64; 5] = [10.0, 3.0, 1.0, 0.3, 0.1];
 /// Share by which a step must lower the loss to be followed by another.
-const LEAST_FALL: f64 = 1e-3;
+const LEAST_FALL: f64 = 1e-2;
 
 /// Recordings of one robot, read once.
 pub(crate) enum Source<'a> {

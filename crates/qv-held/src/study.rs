@@ -239,6 +239,17 @@ impl<'a> Study<'a> {
         Profile::new(sum.clone(), pinned, self.uncertain())
     }
 
+    /// Size of a direction that robots of one make may differ by; 0 of one whose tolerance is not stated.
+    pub fn tolerance(&self, direction: &Direction) -> f64 {
+        let all = [Some(self.nuisance), self.uncertain];
+        let stated = || all.iter().flatten().flat_map(|n| n.directions.iter().zip(&n.tolerances));
+        let of = |&(place, factor): &(usize, f64)| {
+            let own = stated().filter(|(d, _)| d.len() == 1 && d[0].0 == place).map(|(_, t)| *t);
+            own.fold(0.0, f64::max) / f64::abs(factor)
+        };
+        direction.iter().map(of).fold(0.0, f64::max)
+    }
+
     fn uncertain(&self) -> Option<(&Nuisance, f64)> {
         self.uncertain.map(|nuisance| (nuisance, self.kappa))
     }

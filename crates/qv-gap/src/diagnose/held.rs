@@ -65,7 +65,8 @@ fn one(
         measured => measured?,
     };
     let named = match qv_held::decide(&held, &options.policy.held).outcome {
-        qv_held::Outcome::Cause(k, _) => Some(k),
+        qv_held::Outcome::Cause(k, _) => Some(&held.tested[k]),
+        qv_held::Outcome::Pair(k, _) => Some(&held.pairs[k].test),
         _ => None,
     };
     let torque_traces = held.torque_traces(named).into_iter().map(rounded).collect();

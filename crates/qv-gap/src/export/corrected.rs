@@ -196,7 +196,7 @@ mod tests {
     use qv_sim::{BaseKind, Batch, ModelOptions, SimOptions, State, Terrain};
 
     fn go2() -> Model {
-        let options = ModelOptions { base: BaseKind::Floating, armature: 0.01, mesh_vertices: None, held: &[] };
+        let options = ModelOptions { base: BaseKind::Floating, armature: 0.01, mesh_reader: None, held: &[] };
         Model::from_urdf(&qv_go2::model::urdf(), &options).unwrap()
     }
 

@@ -63,8 +63,8 @@ impl Page<'_> {
     fn verdict(&self) -> Verdict {
         match self.decision.outcome {
             Outcome::None => Verdict::NoGap,
-            Outcome::Cause(_, true) | Outcome::Events(true) => Verdict::Explained,
-            Outcome::Cause(_, false) | Outcome::Events(false) => Verdict::PartlyExplained,
+            Outcome::Cause(_, true) | Outcome::Pair(_, true) | Outcome::Events(true) => Verdict::Explained,
+            Outcome::Cause(_, false) | Outcome::Pair(_, false) | Outcome::Events(false) => Verdict::PartlyExplained,
             Outcome::Unexplained => Verdict::Unexplained,
         }
     }
@@ -72,10 +72,10 @@ impl Page<'_> {
     /// Losses before and after; blocks are predicted from others.
     fn gap(&self, data: &ReportData) -> Gap {
         let gap = data.stated.gap.clone();
+        let beside = |losses: &[f64]| self.held.none.iter().zip(losses).map(|(a, b)| [*a, *b]).collect();
         let blocks: Vec<[f64; 2]> = match self.decision.outcome {
-            Outcome::Cause(k, _) => {
-                self.held.none.iter().zip(&self.held.tested[k].losses).map(|(a, b)| [*a, *b]).collect()
-            }
+            Outcome::Cause(k, _) => beside(&self.held.tested[k].losses),
+            Outcome::Pair(k, _) => beside(&self.held.pairs[k].test.losses),
             Outcome::Events(_) => {
                 let is_quiet = |b: usize| {
                     let [from, until] = self.held.blocks[b];
@@ -106,6 +106,7 @@ impl Page<'_> {
     fn causes(&self) -> Vec<Cause> {
         match self.decision.outcome {
             Outcome::Cause(k, _) => vec![self.cause(k)],
+            Outcome::Pair(k, _) => self.members(k),
             Outcome::Events(_) => self.decision.events.iter().map(|e| self.push(e)).collect(),
             _ => Vec::new(),
         }
@@ -130,6 +131,29 @@ impl Page<'_> {
             separating_experiment: self.experiment(effect),
             by_recording: Vec::new(),
         }
+    }
+
+    /// The causes of a pair, each with its own numbers.
+    fn members(&self, k: usize) -> Vec<Cause> {
+        let (pair, judged) = (&self.held.pairs[k], &self.decision.pairs[k]);
+        let mut from = 0;
+        let mut all = Vec::new();
+        for (&member, p) in pair.members.iter().zip(judged.p_members) {
+            let hypothesis = &self.held.tested[member].hypothesis;
+            let axes = from..from + hypothesis.axes.len();
+            from = axes.end;
+            all.push(Cause {
+                effect: hypothesis.effect.clone(),
+                probability: 1.0 - self.alpha.max(p),
+                scope: hypothesis.scope.clone(),
+                parameters: parameters(&pair.test, &judged.tests, axes),
+                closed_alone: self.decision.judged[member].share.clamp(-1.0, 1.0),
+                confusable_with: Vec::new(),
+                separating_experiment: self.experiment(&hypothesis.effect),
+                by_recording: Vec::new(),
+            });
+        }
+        all
     }
 
     fn push(&self, event: &Event) -> Cause {
@@ -161,14 +185,8 @@ impl Page<'_> {
 
     /// One number for each axis; of joints with a number each, the joints' names are distinguished by the corrections.
     fn parameters(&self, k: usize) -> Vec<ParameterEstimate> {
-        let (tested, judged) = (&self.held.tested[k], &self.decision.judged[k]);
-        let one = |(i, axis): (usize, &qv_held::Axis)| ParameterEstimate {
-            name: axis.name.clone(),
-            value: axis.at_one.unwrap_or(axis.at_zero + tested.size[i]),
-            ci95: if axis.at_one.is_some() { [f64::NAN; 2] } else { judged.ci95[i].map(|x| axis.at_zero + x) },
-            unit: axis.unit.clone(),
-        };
-        tested.hypothesis.axes.iter().enumerate().map(one).collect()
+        let tested = &self.held.tested[k];
+        parameters(tested, &self.decision.judged[k], 0..tested.size.len())
     }
 
     /// Hypotheses that are as good as the best and beyond the wander of references.
@@ -247,8 +265,11 @@ impl Page<'_> {
     }
 
     fn corrections(&self) -> Vec<Correction> {
-        let Outcome::Cause(k, _) = self.decision.outcome else { return Vec::new() };
-        let tested = &self.held.tested[k];
+        let tested = match self.decision.outcome {
+            Outcome::Cause(k, _) => &self.held.tested[k],
+            Outcome::Pair(k, _) => &self.held.pairs[k].test,
+            _ => return Vec::new(),
+        };
         let mut all = Vec::new();
         for (axis, size) in tested.hypothesis.axes.iter().zip(&tested.size) {
             for (parameter, nominal) in axis.parameters.iter().zip(&axis.nominal) {
@@ -303,14 +324,13 @@ impl Page<'_> {
         );
         match &self.decision.outcome {
             Outcome::None => format!("No gap: {residual}."),
-            Outcome::Cause(k, _) => {
-                let mut text = format!("Cause: {}.", named(&self.held.tested[*k], &self.parameters(*k)));
-                let _ = write!(
-                    text,
-                    " Correcting it removes {:.0} % of the excess {} error in blocks that its fit has not seen.",
-                    100.0 * gap.closed,
-                    self.channel()
-                );
+            Outcome::Pair(..) => {
+                let all: Vec<String> = causes.iter().map(named).collect();
+                format!("Causes: {}. {}", all.join("; "), self.removed("them", gap))
+            }
+            Outcome::Cause(..) => {
+                let mut text =
+                    format!("Cause: {}. {}", causes.first().map_or(String::new(), named), self.removed("it", gap));
                 let alike = causes.first().map_or(&[][..], |cause| &cause.confusable_with[..]);
                 if !alike.is_empty() {
                     let _ = write!(
@@ -348,6 +368,13 @@ impl Page<'_> {
         }
     }
 
+    fn removed(&self, what: &str, gap: &Gap) -> String {
+        let (share, channel) = (100.0 * gap.closed, self.channel());
+        format!(
+            "Correcting {what} removes {share:.0} % of the excess {channel} error in blocks that its fit has not seen."
+        )
+    }
+
     fn next(&self, causes: &[Cause]) -> Vec<String> {
         let mut all = Vec::new();
         for cause in causes.iter().filter(|c| !c.confusable_with.is_empty() && !c.separating_experiment.is_empty()) {
@@ -378,12 +405,30 @@ fn probability(p: f64) -> String {
     if p < 0.001 { "below 0.001".into() } else { format!("{p:.3}") }
 }
 
+/// Some numbers of a hypothesis.
+fn parameters(
+    tested: &HypothesisTest,
+    judged: &qv_held::Judgement,
+    axes: std::ops::Range<usize>,
+) -> Vec<ParameterEstimate> {
+    let one = |i: usize| {
+        let axis = &tested.hypothesis.axes[i];
+        ParameterEstimate {
+            name: axis.name.clone(),
+            value: axis.at_one.unwrap_or(axis.at_zero + tested.size[i]),
+            ci95: if axis.at_one.is_some() { [f64::NAN; 2] } else { judged.ci95[i].map(|x| axis.at_zero + x) },
+            unit: axis.unit.clone(),
+        }
+    };
+    axes.map(one).collect()
+}
+
 /// Effect, place and size.
-fn named(tested: &HypothesisTest, parameters: &[ParameterEstimate]) -> String {
-    let sizes: Vec<String> = parameters
+fn named(cause: &Cause) -> String {
+    let sizes: Vec<String> = cause
+        .parameters
         .iter()
         .map(|p| format!("{} {:.4} {}{}", p.name.replace('_', " "), p.value, p.unit, interval(p.ci95)))
         .collect();
-    let hypothesis = &tested.hypothesis;
-    format!("{} of {}: {}", hypothesis.effect.replace('_', " "), hypothesis.scope.join(", "), sizes.join(", "))
+    format!("{} of {}: {}", cause.effect.replace('_', " "), cause.scope.join(", "), sizes.join(", "))
 }

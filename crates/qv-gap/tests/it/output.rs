@@ -433,7 +433,7 @@ fn mujoco_reads_the_fragment() {
 fn the_urdf_has_the_corrections_and_keeps_the_rest() {
     let (model, original) = (go2(), qv_go2::model::urdf());
     let (text, unsaid) = to_urdf(&original, &model, &corrections()).unwrap();
-    let options = ModelOptions { base: BaseKind::Floating, armature: 0.01, mesh_vertices: None, held: &[] };
+    let options = ModelOptions { base: BaseKind::Floating, armature: 0.01, mesh_reader: None, held: &[] };
     let read = Model::from_urdf(&text, &options).unwrap();
     let joint = |name: &str| &read.joints[read.joint_index(name).unwrap()];
     let hip = joint("FL_hip_joint");

@@ -172,3 +172,53 @@ fn servos_without_torques_are_measured_by_their_positions() {
     // Links may be off by their tolerances in each recording, which takes from the power.
     assert!((size - 0.5).abs() < 0.05 && decision.judged[k].p_size < 0.01, "{size} {:?}", decision.judged[k]);
 }
+
+/// Index of the hypothesis of an effect on a part.
+fn hypothesis_of(evidence: &Evidence, effect: &str, part: &str) -> usize {
+    let is_it = |k: &usize| {
+        let hypothesis = &evidence.tested[*k].hypothesis;
+        hypothesis.effect == effect && hypothesis.scope == [part]
+    };
+    (0..evidence.tested.len()).find(is_it).unwrap()
+}
+
+#[test]
+fn lags_and_limits_of_servos_are_found_though_their_columns_start_at_nothing() {
+    let model = model();
+    let references = [0.0, 1.0, 2.0].map(|phase| of_servo(recorded(&model, &[], phase).unwrap()));
+    let with = |set: &[(&str, f64)]| judged(of_servo(recorded(&model, set, 3.0).unwrap()), &references);
+    let (evidence, decision) = with(&[("actuator.elbow.lag", 0.02)]);
+    let (effect, place, size, _) = named(&evidence, &decision);
+    assert_eq!((effect.as_str(), place.as_str()), ("actuator_lag", "elbow"));
+    assert!((size - 0.02).abs() < 0.003, "{size}");
+    let greatest = evidence.tested[hypothesis_of(&evidence, "torque_limit", "shoulder")].hypothesis.axes[0].at_zero;
+    let limit = 0.6 * greatest;
+    let (evidence, decision) = with(&[("actuator.shoulder.torque_limit", limit)]);
+    let (effect, place, size, _) = named(&evidence, &decision);
+    assert_eq!((effect.as_str(), place.as_str()), ("torque_limit", "shoulder"));
+    let axis = &evidence.tested[hypothesis_of(&evidence, "torque_limit", "shoulder")].hypothesis.axes[0];
+    assert!((axis.at_zero + size - limit).abs() < 0.05 * limit, "{} {size} {limit}", axis.at_zero);
+}
+
+#[test]
+fn two_causes_at_once_are_named_as_a_pair() {
+    let model = model();
+    let references = references(&model);
+    let both = [("joint.elbow.viscous_friction", 0.6), ("actuator.shoulder.kp_scale", 0.6)];
+    let (evidence, decision) = judged(recorded(&model, &both, 3.0).unwrap(), &references);
+    let Outcome::Pair(k, _) = decision.outcome else { panic!("{:?}", decision.outcome) };
+    let pair = &evidence.pairs[k];
+    let mut found: Vec<(&str, &str, f64)> = (pair.members.iter().zip(&pair.test.size))
+        .map(|(&m, x)| (&evidence.tested[m].hypothesis, *x))
+        .map(|(h, x)| (h.effect.as_str(), h.scope[0].as_str(), x))
+        .collect();
+    found.sort_by(|a, b| a.0.cmp(b.0));
+    assert_eq!(
+        [found[0].0, found[0].1, found[1].0, found[1].1],
+        ["joint_viscous_friction", "elbow", "motor_gain_kp", "shoulder"]
+    );
+    assert!((found[0].2 - 0.5).abs() < 0.03 && (found[1].2 + 0.4).abs() < 0.02, "{found:?}");
+    // One of them alone is no pair.
+    let (_, decision) = judged(recorded(&model, &both[..1], 3.0).unwrap(), &references);
+    assert!(matches!(decision.outcome, Outcome::Cause(..)), "{:?}", decision.outcome);
+}

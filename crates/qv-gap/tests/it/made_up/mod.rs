@@ -7,7 +7,7 @@ use qv_sim::{BaseKind, Model, ModelOptions};
 
 pub fn go2() -> Model {
     let options =
-        ModelOptions { base: BaseKind::Floating, armature: qv_go2::model::ARMATURE, mesh_vertices: None, held: &[] };
+        ModelOptions { base: BaseKind::Floating, armature: qv_go2::model::ARMATURE, mesh_reader: None, held: &[] };
     Model::from_urdf(&qv_go2::model::urdf(), &options).unwrap()
 }
 

@@ -1,0 +1,112 @@
+//! Follows hypotheses to where their columns are those of their sizes.
+
+use crate::HeldError;
+use crate::balance::Term;
+use crate::evidence::{Evidence, HypothesisTest};
+use crate::hypothesis::Hypothesis;
+use crate::measure::{Target, places};
+use crate::request::Request;
+use crate::source::{Source, moved};
+use crate::traces::torques_left;
+use rayon::prelude::*;
+
+/// Lags \[s\] and shares of the greatest torque from which these are followed, whose columns at zero say little of large sizes.
+const LAGS: [f64; 4] = [0.004, 0.008, 0.016, 0.032];
+const CAPS: [f64; 5] = [0.8, 0.6, 0.45, 0.3, 0.2];
+/// Best hypotheses beside which events are looked for.
+const FOLLOWED: usize = 10;
+
+impl Target<'_> {
+    /// Follows the best hypotheses: to where their columns are those of their sizes, and to the events that are left beside them.
+    pub fn follow(&self, evidence: &mut Evidence, request: &Request, source: &Source) -> Result<(), HeldError> {
+        let mut order: Vec<usize> = (0..evidence.tested.len()).collect();
+        let loss = |t: &HypothesisTest| t.losses.iter().sum::<f64>();
+        order.sort_by(|&a, &b| loss(&evidence.tested[a]).total_cmp(&loss(&evidence.tested[b])));
+        let starts = (evidence.tested.par_iter().map(|t| self.start(&t.hypothesis, source)))
+            .collect::<Result<Vec<Option<Vec<f64>>>, HeldError>>()?;
+        let rank = order.iter().enumerate().filter(|(rank, k)| *rank < FOLLOWED || starts[**k].is_some());
+        let order: Vec<usize> = rank.map(|(_, k)| *k).collect();
+        let one = |&k: &usize| -> Result<(usize, HypothesisTest), HeldError> {
+            let mut tested = evidence.tested[k].clone();
+            let is_there = match &starts[k] {
+                Some(start) => self.follow_drive(&mut tested, start, request, source)?,
+                None => false,
+            };
+            let start = tested.size.clone();
+            if !is_there && !self.follow_drive(&mut tested, &start, request, source)? {
+                self.note_left(&mut tested, request.policy.alpha);
+            }
+            Ok((k, tested))
+        };
+        let followed = order.par_iter().map(one).collect::<Result<Vec<_>, _>>()?;
+        followed.into_iter().for_each(|(k, tested)| evidence.tested[k] = tested);
+        Ok(())
+    }
+
+    /// The best of some sizes of a lag or a limit where that is better than none: columns about zero say little of large ones.
+    fn start(&self, hypothesis: &Hypothesis, source: &Source) -> Result<Option<Vec<f64>>, HeldError> {
+        let ([direction], Some(servos)) = (&hypothesis.directions[..], &self.robot.servos) else { return Ok(None) };
+        let terms: Vec<(usize, Term)> = direction.iter().filter_map(|d| self.study.layout.term(d.0)).collect();
+        let sizes: Vec<f64> = match terms.first() {
+            Some((_, Term::Lag)) => LAGS.to_vec(),
+            Some(&(joint, Term::Cap)) => CAPS.map(|share| (share - 1.0) * servos.cap[joint]).to_vec(),
+            _ => return Ok(None),
+        };
+        let joints: Vec<usize> = terms.iter().map(|t| t.0).collect();
+        let mut best = (source.loss(self.robot, &joints)?, None);
+        for size in sizes {
+            let Some(robot) = moved(self.robot, self.study.layout, &places(hypothesis, &[size])) else { continue };
+            let loss = source.loss(&robot, &joints)?;
+            if loss < best.0 {
+                best = (loss, Some(vec![size]));
+            }
+        }
+        Ok(best.1)
+    }
+
+    /// Notes what a hypothesis leaves of torques, and the events in that.
+    pub fn note_left(&self, tested: &mut HypothesisTest, alpha: f64) {
+        let Some(fit) = self.profiles.bands[0].fit(&tested.hypothesis.directions) else { return };
+        tested.events = Some(self.events(&fit, tested.loss, alpha));
+        tested.left = torques_left(self.balance, self.study.layout, &fit.values);
+    }
+
+    /// Gauss and Newton's steps of a hypothesis of motors, friction or rotors: the equations are computed anew with its size, and with them what delays and
+    /// scales that are pinned make of it. Whether its fit is better there.
+    pub fn follow_drive(
+        &self,
+        tested: &mut HypothesisTest,
+        start: &[f64],
+        request: &Request,
+        source: &Source,
+    ) -> Result<bool, HeldError> {
+        const STEPS: usize = 8;
+        // A step that lowers the loss by less is the last.
+        const LEAST_FALL: f64 = 0.01;
+        let mut size = start.to_vec();
+        let mut best: Option<HypothesisTest> = None;
+        for _ in 0..STEPS {
+            let places = places(&tested.hypothesis, &size);
+            let Some(robot) = moved(self.robot, self.study.layout, &places) else { break };
+            let balance = source.balance_about(&robot, self.balance, &places)?;
+            let target = self.about(&robot, &balance);
+            let Some(mut found) = target.test(tested.hypothesis.clone(), 0.0) else { break };
+            let before = best.as_ref().unwrap_or(tested).loss;
+            if found.loss >= before {
+                break;
+            }
+            let is_last = found.loss > (1.0 - LEAST_FALL) * before;
+            target.note_left(&mut found, request.policy.alpha);
+            size.iter_mut().zip(&found.size).for_each(|(all, more)| *all += more);
+            found.size.clone_from(&size);
+            found.acted[0].clone_from(&tested.acted[0]);
+            best = Some(found);
+            if is_last {
+                break;
+            }
+        }
+        let Some(found) = best else { return Ok(false) };
+        *tested = found;
+        Ok(true)
+    }
+}
