@@ -1,16 +1,17 @@
-//! Vertices of the mesh files that a URDF names (STL, OBJ), for convex hulls.
+//! Mesh files that a URDF or MJCF names (STL, OBJ).
 
 use glam::DVec3;
+use qv_sim::MeshShape;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// Vertices \[m\] of the mesh `name`, as a URDF writes it: a path beside the URDF (in `directory`), `file://PATH`, or
+/// The mesh `name` \[m\], as a URDF writes it: a path beside the URDF (in `directory`), `file://PATH`, or
 /// `package://PACKAGE/PATH`, looked for in `directory` and the directories above it.
 ///
 /// # Errors
 /// Says where it was looked for, or what is wrong with the file.
-pub fn vertices(directory: &Path, name: &str) -> Result<Vec<DVec3>, String> {
+pub fn read_mesh(directory: &Path, name: &str) -> Result<MeshShape, String> {
     let path = find(directory, name)
         .ok_or_else(|| format!("expected mesh `{name}` in {} or above it, found none", directory.display()))?;
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -19,16 +20,27 @@ pub fn vertices(directory: &Path, name: &str) -> Result<Vec<DVec3>, String> {
         "stl" => {
             let file = File::open(&path).map_err(|e| wrong(e.to_string()))?;
             let mesh = stl_io::read_stl(&mut BufReader::new(file)).map_err(|e| wrong(e.to_string()))?;
-            Ok(mesh.vertices.iter().map(|v| DVec3::new(v[0].into(), v[1].into(), v[2].into())).collect())
+            Ok(MeshShape {
+                vertices: mesh.vertices.iter().map(|v| DVec3::new(v[0].into(), v[1].into(), v[2].into())).collect(),
+                triangles: mesh.faces.iter().map(|face| face.vertices.map(|i| i as u32)).collect(),
+            })
         }
         "obj" => {
             let file = File::open(&path).map_err(|e| wrong(e.to_string()))?;
-            // Hulls have no colours: what `mtllib` names, which may be any file, is not opened.
+            let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
+            // Shapes have no colours: what `mtllib` names, which may be any file, is not opened.
             let no_colours = |_: &Path| Ok::<_, tobj::LoadError>(Default::default());
-            let (models, _) = tobj::load_obj_buf(&mut BufReader::new(file), &tobj::LoadOptions::default(), no_colours)
+            let (models, _) = tobj::load_obj_buf(&mut BufReader::new(file), &options, no_colours)
                 .map_err(|e| wrong(e.to_string()))?;
-            let points = models.iter().flat_map(|m| m.mesh.positions.chunks_exact(3));
-            Ok(points.map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())).collect())
+            let mut all = MeshShape::default();
+            for mesh in models.iter().map(|m| &m.mesh) {
+                let first = all.vertices.len() as u32;
+                let points = mesh.positions.chunks_exact(3);
+                all.vertices.extend(points.map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())));
+                let triangles = mesh.indices.chunks_exact(3);
+                all.triangles.extend(triangles.map(|t| [first + t[0], first + t[1], first + t[2]]));
+            }
+            Ok(all)
         }
         other => Err(wrong(format!("a file of type `{other}`; STL and OBJ are read"))),
     }
@@ -83,11 +95,11 @@ mod tests {
         fs::write(root.join("robot/meshes/t.stl"), stl + "endsolid t\n").unwrap();
         let urdf = root.join("robot/urdf");
         for name in ["package://robot/meshes/t.obj", "package://robot/meshes/t.stl", "package://else/meshes/t.stl"] {
-            let found = vertices(&urdf, name).unwrap();
-            assert_eq!(found.len(), 4, "{name}");
-            assert!(found.contains(&DVec3::Z), "{name}");
+            let found = read_mesh(&urdf, name).unwrap();
+            assert_eq!((found.vertices.len(), found.triangles.len()), (4, 4), "{name}");
+            assert!(found.vertices.contains(&DVec3::Z) && found.is_closed(), "{name}");
         }
-        assert_eq!(vertices(&root.join("robot"), "meshes/t.stl").unwrap().len(), 4);
+        assert_eq!(read_mesh(&root.join("robot"), "meshes/t.stl").unwrap().vertices.len(), 4);
         fs::remove_dir_all(root).unwrap();
     }
 
@@ -97,7 +109,7 @@ mod tests {
         let mut obj = String::from("mtllib /dev/zero\nmtllib gone.mtl\n");
         TETRAHEDRON.iter().for_each(|[x, y, z]| obj += &format!("v {x} {y} {z}\n"));
         fs::write(root.join("m.obj"), obj + "usemtl red\nf 1 3 2\nf 1 2 4\n").unwrap();
-        assert_eq!(vertices(&root, "m.obj").map(|all| all.len()), Ok(4));
+        assert_eq!(read_mesh(&root, "m.obj").map(|all| all.vertices.len()), Ok(4));
         fs::remove_dir_all(root).unwrap();
     }
 
@@ -110,7 +122,7 @@ mod tests {
         for (name, word) in
             [("cut.stl", "cut.stl"), ("scan.dae", "`dae`"), ("bad.obj", "bad.obj"), ("gone.stl", "gone.stl")]
         {
-            let error = vertices(&root, name).map(|v| v.len());
+            let error = read_mesh(&root, name).map(|mesh| mesh.vertices.len());
             // A binary STL of no triangles is a mesh without vertices.
             let is_empty = name == "cut.stl" && error == Ok(0);
             assert!(is_empty || error.as_ref().is_err_and(|e| e.contains(word)), "{name}: {error:?}");

@@ -2,7 +2,7 @@
 
 use crate::description::description_of;
 use crate::error::file_error;
-use crate::mesh_file::vertices;
+use crate::mesh_file::read_mesh;
 use qv_core::Mismatch;
 use qv_policy::velocity::{self, known_robot};
 use qv_recording::robots::{ModelSource, RobotFile};
@@ -114,8 +114,8 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
 pub fn model_named(name: &str, base: BaseKind) -> Result<Model, RecordingError> {
     let ModelText { name, text, armature, .. } = model_text(&Robot::Named(name.into()), Path::new(""), Some(name))?;
     let beside = Path::new(&name).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let meshes = |mesh: &str| vertices(beside, mesh);
-    let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held: &[] };
+    let meshes = |mesh: &str| read_mesh(beside, mesh);
+    let options = ModelOptions { base, armature, mesh_reader: Some(&meshes), held: &[] };
     read_model(&text, beside, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
 }
 
@@ -138,9 +138,9 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     let beside = Path::new(&name).parent().unwrap_or(Path::new(""));
     let beside = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
-    let meshes = |mesh: &str| vertices(&beside, mesh);
+    let meshes = |mesh: &str| read_mesh(&beside, mesh);
     let read = |held: &[(String, f64)]| {
-        let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held };
+        let options = ModelOptions { base, armature, mesh_reader: Some(&meshes), held };
         read_model(&urdf, &beside, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
     };
     let mut model = read(&[])?;

@@ -1,7 +1,7 @@
 //! A robot without a recording: one that is built in, a file, or the text itself.
 
 use crate::error::file_error;
-use crate::mesh_file::vertices;
+use crate::mesh_file::read_mesh;
 use crate::model::{read_model, read_urdf, walking_robot};
 use qv_recording::RecordingError;
 use qv_sim::{BaseKind, Model, ModelOptions};
@@ -28,8 +28,8 @@ pub fn robot_model(robot: &str, base: BaseKind) -> Result<Model, RecordingError>
     };
     let beside = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
-    let meshes = |mesh: &str| vertices(&beside, mesh);
-    let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held: &[] };
+    let meshes = |mesh: &str| read_mesh(&beside, mesh);
+    let options = ModelOptions { base, armature, mesh_reader: Some(&meshes), held: &[] };
     let mut model = read_model(&text, &beside, &options).map_err(|e| file_error(path, "a robot", &e.to_string()))?;
     model.remarks.extend(remarks);
     Ok(model)

@@ -69,7 +69,7 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     let mut evened = Vec::new();
     for (topic, clock) in collector.topics.iter_mut().zip(&clocks) {
         let stamps = if *clock == Clock::Header { &mut topic.stamps } else { &mut topic.logged };
-        evened.extend(even_out(stamps).map(|how| format!("{}: {how}", topic.info.topic)));
+        evened.extend(even_out(stamps, &topic.ticks).map(|how| format!("{}: {how}", topic.info.topic)));
     }
     let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
     let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
@@ -291,7 +291,7 @@ fn seconds(topic: &Topic, clock: Clock, epoch: i64) -> Vec<f64> {
 
 fn samples(topic: &mut Topic, clock: Clock, epoch: i64) -> Samples {
     let time = seconds(topic, clock, epoch);
-    let width = topic.row.len() - if topic.has_header { 2 } else { 0 };
+    let width = topic.width();
     Samples { time, rows: std::mem::take(&mut topic.rows), width }
 }
 

@@ -11,9 +11,9 @@ const GAP: f64 = 10.0;
 const RATES: [f64; 12] = [1000.0, 500.0, 400.0, 333.333_333, 250.0, 200.0, 125.0, 100.0, 60.0, 50.0, 30.0, 25.0];
 const NEAR: f64 = 0.015;
 
-/// Puts stamps \[ns\] on even times where they come in bursts, and says how; the last message of a burst is the least delayed, so that the
-/// line through those is where all were sent.
-pub(crate) fn even_out(stamps: &mut [i64]) -> Option<String> {
+/// Puts stamps \[ns\] where messages that came in bursts were sent, and says how: by the sender's count of milliseconds `ticks` where each message
+/// has one, else on even times. The last message of a burst is the least delayed, so that the line through those is where all were sent.
+pub(crate) fn even_out(stamps: &mut [i64], ticks: &[f64]) -> Option<String> {
     if stamps.len() < LEAST || stamps.windows(2).any(|w| w[1] < w[0]) {
         return None;
     }
@@ -25,6 +25,15 @@ pub(crate) fn even_out(stamps: &mut [i64]) -> Option<String> {
         return None;
     }
     let burst = (stamps[stamps.len() - 1] - stamps[0]) as f64 / ends.len() as f64;
+    let came = format!(
+        "messages came in bursts of {:.0} every {:.0} ms",
+        stamps.len() as f64 / ends.len() as f64,
+        1e-6 * burst
+    );
+    if let Some(sent) = sent_at(stamps, ticks) {
+        stamps.copy_from_slice(&sent);
+        return Some(format!("{came}: their times are those of the sender's `tick`"));
+    }
     let mut start = 0;
     let breaks: Vec<usize> =
         (1..stamps.len()).filter(|&i| (stamps[i] - stamps[i - 1]) as f64 > GAP * burst).chain([stamps.len()]).collect();
@@ -32,11 +41,24 @@ pub(crate) fn even_out(stamps: &mut [i64]) -> Option<String> {
         even(&mut stamps[start..end], start, &ends);
         start = end;
     }
-    Some(format!(
-        "messages came in bursts of {:.0} every {:.0} ms: their stamps are evened out",
-        stamps.len() as f64 / ends.len() as f64,
-        1e-6 * burst
-    ))
+    Some(format!("{came}: their stamps are evened out"))
+}
+
+/// When messages were sent by a count of milliseconds, on the clock of their stamps \[ns\]; `None` where the count is no clock: each message has
+/// its own, and it runs no faster or slower than stamps do. Messages of a burst may be logged in another order than they were sent in.
+fn sent_at(stamps: &[i64], ticks: &[f64]) -> Option<Vec<i64>> {
+    let mut sorted = ticks.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let is_own = ticks.len() == stamps.len() && sorted.windows(2).all(|w| w[1] > w[0]);
+    let span = (stamps[stamps.len() - 1] - stamps[0]) as f64;
+    let counted = is_own.then(|| 1e6 * (sorted[sorted.len() - 1] - sorted[0]))?;
+    if (counted / span - 1.0).abs() > NEAR {
+        return None;
+    }
+    let sent = |i: usize| (1e6 * (ticks[i] - ticks[0])) as i64;
+    // No message came before it was sent.
+    let start = (0..stamps.len()).map(|i| stamps[i] - sent(i)).min()?;
+    Some((0..stamps.len()).map(|i| start + sent(i)).collect())
 }
 
 /// The line through the ends of bursts, of a piece without gaps that begins at `first`.
@@ -75,7 +97,7 @@ mod tests {
     fn bursts_are_put_where_they_were_sent() {
         for burst in [10, 20, 60] {
             let mut stamps = logged(burst);
-            let said = even_out(&mut stamps).unwrap();
+            let said = even_out(&mut stamps, &[]).unwrap();
             assert!(said.contains("bursts"), "{said}");
             let late = |i: usize| (stamps[i] - 2_000_000 * i as i64).abs();
             assert!((0..1000).all(|i| late(i) < 1_500_000), "{burst} {:?}", (0..1000).map(late).max());
@@ -86,14 +108,35 @@ mod tests {
     fn even_and_jittered_stamps_stay() {
         let mut jittered: Vec<i64> = (0..1000).map(|i| 2_000_000 * i + (i * 7919 % 13) * 60_000).collect();
         let before = jittered.clone();
-        assert_eq!((even_out(&mut jittered), jittered), (None, before));
+        assert_eq!((even_out(&mut jittered, &[]), jittered), (None, before));
+    }
+
+    /// A count tells what was lost between bursts, which even times do not; one that stands still is no clock.
+    #[test]
+    fn the_count_of_the_sender_is_its_clock() {
+        let kept: Vec<usize> = (0..1000).filter(|i| i % 7 != 3 || *i < 300).collect();
+        let all = logged(20);
+        let mut stamps: Vec<i64> = kept.iter().map(|&i| all[i]).collect();
+        let ticks: Vec<f64> = kept.iter().map(|&i| 5000.0 + 2.0 * i as f64).collect();
+        let before = stamps.clone();
+        assert!(even_out(&mut stamps, &ticks).unwrap().contains("tick"));
+        let late = |k: usize| (stamps[k] - 2_000_000 * kept[k] as i64).abs();
+        assert!((0..kept.len()).all(|k| late(k) < 1_500_000), "{:?}", (0..kept.len()).map(late).max());
+        // A burst whose messages are logged the other way round.
+        let mut turned = before.clone();
+        let mut of_turned = ticks.clone();
+        of_turned[..10].reverse();
+        even_out(&mut turned, &of_turned).unwrap();
+        assert_eq!((turned[9], turned[0], turned[10..] == stamps[10..]), (stamps[0], stamps[9], true));
+        let mut without = before;
+        assert!(even_out(&mut without, &vec![7.0; kept.len()]).unwrap().contains("evened"));
     }
 
     #[test]
     fn a_gap_stays_a_gap() {
         let mut stamps = logged(20);
         stamps[500..].iter_mut().for_each(|s| *s += 3_000_000_000);
-        even_out(&mut stamps).unwrap();
+        even_out(&mut stamps, &[]).unwrap();
         assert!((stamps[500] - stamps[499] - 3_002_000_000).abs() < 21_000_000);
     }
 }

@@ -13,6 +13,9 @@ use std::collections::BTreeMap;
 /// Nanoseconds in a second.
 pub(crate) const SECOND: i64 = 1_000_000_000;
 
+/// Field in which a Unitree robot counts milliseconds since it was switched on.
+const TICK: &str = "tick";
+
 /// What was read of one topic.
 pub(crate) struct Topic {
     pub info: ChannelInfo,
@@ -30,6 +33,9 @@ pub(crate) struct Topic {
     pub refused: Option<String>,
     pub has_header: bool,
     pub stamps: Vec<i64>,
+    /// The sender's own count of milliseconds, one per message; none where messages have no [`TICK`].
+    pub has_ticks: bool,
+    pub ticks: Vec<f64>,
     pub rows: Vec<f64>,
     pub row: Vec<f64>,
     pub errors: usize,
@@ -98,6 +104,8 @@ impl Topic {
             refused: None,
             has_header: false,
             stamps: Vec::new(),
+            has_ticks: false,
+            ticks: Vec::new(),
             rows: Vec::new(),
             row: Vec::new(),
             errors: 0,
@@ -121,6 +129,11 @@ impl Topic {
     /// Whether its messages can be read, and there are some.
     pub fn is_usable(&self) -> bool {
         (self.plan.is_some() || self.named.is_some()) && !self.logged.is_empty()
+    }
+
+    /// Numbers of a message that go into channels: all but its time, which comes last.
+    pub fn width(&self) -> usize {
+        self.row.len() - if self.has_header { 2 } else { usize::from(self.has_ticks) }
     }
 
     fn compile(&mut self, message: &MessageMapping) -> Result<(), RecordingError> {
@@ -156,6 +169,10 @@ impl Topic {
             wanted.extend(
                 ["sec", "nanosec"].map(|f| FieldSelection { path: format!("header.stamp.{f}"), elements: vec![0] }),
             );
+        }
+        self.has_ticks = !self.has_header && schema.root().fields.iter().any(|f| f.name == TICK);
+        if self.has_ticks {
+            wanted.push(FieldSelection { path: TICK.into(), elements: vec![0] });
         }
         let plan = Plan::compile(&schema, &wanted)?;
         self.row = vec![0.0; plan.width()];
@@ -195,9 +212,11 @@ impl Topic {
         }
         self.logged.push(logged);
         self.order.push(place);
-        let width = self.row.len() - if self.has_header { 2 } else { 0 };
-        if let [sec, nanosec] = self.row[width..] {
-            self.stamps.push(sec as i64 * SECOND + nanosec as i64);
+        let width = self.width();
+        match self.row[width..] {
+            [sec, nanosec] => self.stamps.push(sec as i64 * SECOND + nanosec as i64),
+            [tick] => self.ticks.push(tick),
+            _ => {}
         }
         self.rows.extend_from_slice(&self.row[..width]);
     }

@@ -46,7 +46,9 @@ pub use batch::{Batch, ContactPoint, LaneState, Precision, Snapshot, State};
 pub use commands::{BatchCommand, JointCommand};
 pub use error::SimError;
 pub use model::inertia::{MassProperties, Payload};
-pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshVertices, Model, ModelOptions, Shape};
+pub use model::{
+    BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshReader, MeshShape, Model, ModelOptions, Shape,
+};
 pub use motor::{Motor, MotorCommand, drift_share, lag_gain};
 pub use options::{LineSearch, SimOptions, WarmStart};
 pub use parameters::{ActsOn, GeomField, JointField, LinkField, ParameterInfo, WorldField};

@@ -1,7 +1,7 @@
 //! `qv check`: what any file is, what of it is used, and what is missing for which command.
 
 use crate::capture::open_capture;
-use crate::mesh_file::vertices;
+use crate::mesh_file::read_mesh;
 use crate::open::{model_of, open_run, read_model, read_urdf};
 use crate::outcome::about;
 #[cfg(feature = "learn")]
@@ -215,9 +215,9 @@ fn robot(path: &Path) -> Result<FileReport, Failure> {
     let (text, note) = read_urdf(path, "a URDF or MJCF file")?;
     let beside = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
-    let meshes = |mesh: &str| vertices(&beside, mesh);
+    let meshes = |mesh: &str| read_mesh(&beside, mesh);
     let of =
-        |base| read_model(&text, &beside, &ModelOptions { base, mesh_vertices: Some(&meshes), ..Default::default() });
+        |base| read_model(&text, &beside, &ModelOptions { base, mesh_reader: Some(&meshes), ..Default::default() });
     let held = of(BaseKind::Fixed).map_err(|e| about(path, e))?;
     let free = of(BaseKind::Floating).ok();
     let mut missing = Vec::new();

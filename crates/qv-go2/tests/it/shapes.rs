@@ -4,7 +4,7 @@ use qv_go2::model::{self, DEFAULT_KD, DEFAULT_KP, FOOT_SHAPES, STAND};
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, State, Terrain};
 
 const OPTIONS: ModelOptions =
-    ModelOptions { base: BaseKind::Floating, armature: model::ARMATURE, mesh_vertices: None, held: &[] };
+    ModelOptions { base: BaseKind::Floating, armature: model::ARMATURE, mesh_reader: None, held: &[] };
 
 fn shaped() -> Model {
     Model::from_urdf(&model::urdf_with_shapes(), &OPTIONS).unwrap()

@@ -396,11 +396,14 @@ impl<'a> Reader<'a> {
                     self.left_out.push(lost);
                 }
             }
-            if let (Ok(Shape::Points(_)), true) = (&geom.shape, geom.weighs) {
-                let name = &self.robot.links[link].name;
-                let remarks =
-                    format!("body `{name}` weighs what the convex hull of its mesh does (line {})", geom.line);
-                self.robot.remarks.push(remarks);
+            if let (Ok(Shape::Mesh(mesh)), true) = (&geom.shape, geom.weighs) {
+                let (name, line) = (&self.robot.links[link].name, geom.line);
+                let of = if mesh.is_closed() {
+                    "the volume of its mesh"
+                } else {
+                    "the convex hull of its mesh, which is not closed,"
+                };
+                self.robot.remarks.push(format!("body `{name}` weighs what {of} does (line {line})"));
             }
         }
         let line = geoms.first().map_or(0, |g| g.line);

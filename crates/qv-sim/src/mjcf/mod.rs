@@ -77,7 +77,7 @@ impl Model {
 }
 
 impl MjcfModel {
-    /// Reads the text of an MJCF. `options.mesh_vertices` is asked for mesh files by their names with `meshdir` before them,
+    /// Reads the text of an MJCF. `options.mesh_reader` is asked for mesh files by their names with `meshdir` before them,
     /// `include` for the files of `<include>`. Rotor inertias are those of the file, not of `options`.
     ///
     /// The file says whether the base is free: [`BaseKind::Floating`] holds for a body with a free joint alone, and any other
@@ -90,7 +90,7 @@ impl MjcfModel {
         let tree = Tree::parse(xml, include)?;
         let classes = Classes::read(&tree)?;
         let compiler = Compiler::read(&tree)?;
-        let meshes = Meshes::new(&tree, &classes, &compiler, options.mesh_vertices)?;
+        let meshes = Meshes::new(&tree, &classes, &compiler, options.mesh_reader)?;
         let mut reader = Reader::new(&tree, &classes, &compiler, &meshes);
         reader.world().map_err(|e| with_reasons(e, &reader))?;
         let actuators = actuators::read(&tree, &classes, &compiler, &mut reader.left_out)?;
@@ -103,7 +103,7 @@ impl MjcfModel {
         if base != options.base {
             reader.robot.remarks.push("no body has a free joint: the robot is fixed in the world".into());
         }
-        let inner = ModelOptions { base, armature: 0.0, mesh_vertices: options.mesh_vertices, held: options.held };
+        let inner = ModelOptions { base, armature: 0.0, mesh_reader: options.mesh_reader, held: options.held };
         let mut model =
             Model::from_robot(&reader.robot, &inner).map_err(|e| with_reasons(in_words_of_mjcf(e), &reader))?;
         for frame in &reader.frames {

@@ -7,7 +7,7 @@ use super::frames::{Compiler, z_to};
 use super::tree::Tree;
 use crate::model::inertia::MassProperties;
 use crate::urdf::Geometry;
-use crate::{MeshVertices, SimError};
+use crate::{MeshReader, MeshShape, SimError};
 use glam::{DMat3, DVec3};
 use qv_core::Pose;
 use std::collections::HashMap;
@@ -41,7 +41,7 @@ pub(super) enum Shape {
     Cylinder { radius: f64, half: f64 },
     Ellipsoid(DVec3),
     Box(DVec3),
-    Points(Vec<DVec3>),
+    Mesh(MeshShape),
 }
 
 /// The meshes of <asset>, as vertices.
@@ -49,7 +49,7 @@ pub(super) struct Meshes<'a> {
     tree: &'a Tree,
     elements: HashMap<String, Attributes<'a>>,
     folder: String,
-    read: Option<&'a MeshVertices<'a>>,
+    read: Option<&'a MeshReader<'a>>,
 }
 
 impl<'a> Meshes<'a> {
@@ -57,7 +57,7 @@ impl<'a> Meshes<'a> {
         tree: &'a Tree,
         classes: &Classes,
         compiler: &Compiler,
-        read: Option<&'a MeshVertices<'a>>,
+        read: Option<&'a MeshReader<'a>>,
     ) -> Result<Self, SimError> {
         let mut elements = HashMap::new();
         for mesh in tree.section("asset").into_iter().filter(|&e| tree.element(e).tag == "mesh") {
@@ -74,23 +74,25 @@ impl<'a> Meshes<'a> {
         Ok(Self { tree, elements, folder: compiler.mesh_folder.clone(), read })
     }
 
-    /// The vertices of a mesh in the frame of its geom; the inner error says why they are not there.
-    fn vertices(&self, geom: &Attributes) -> Result<Result<Vec<DVec3>, String>, SimError> {
+    /// A mesh in the frame of its geom; the inner error says why it is not there.
+    fn mesh(&self, geom: &Attributes) -> Result<Result<MeshShape, String>, SimError> {
         let name = geom.text("mesh").ok_or_else(|| geom.error("an attribute `mesh`", "none"))?;
         let Some(mesh) = self.elements.get(name) else {
             return Err(geom.error("a mesh of <asset>", format!("`{name}`")));
         };
-        let points = match (mesh.text("vertex"), mesh.text("file")) {
+        let MeshShape { vertices, mut triangles } = match (mesh.text("vertex"), mesh.text("file")) {
             (Some(text), _) => {
                 let numbers = parse(text).filter(|n| n.len() % 3 == 0);
                 let numbers = numbers.ok_or_else(|| mesh.error("triples of finite numbers as `vertex`", "others"))?;
-                numbers.chunks_exact(3).map(DVec3::from_slice).collect()
+                let faces = mesh.text("face").map(|text| parse(text).filter(|n| n.len() % 3 == 0));
+                let triangles = faces.flatten().map_or(Vec::new(), |all| triangles(&all, numbers.len() / 3));
+                MeshShape { vertices: numbers.chunks_exact(3).map(DVec3::from_slice).collect(), triangles }
             }
             (None, Some(file)) => {
                 let file = format!("{}{file}", self.folder);
                 let read = self.read.map(|read| read(&file));
                 match read.unwrap_or_else(|| Err(format!("no reader for mesh `{file}`"))) {
-                    Ok(points) => points,
+                    Ok(shape) => shape,
                     Err(reason) => {
                         return Ok(Err(format!("mesh `{name}` {}: {reason}", self.tree.place(mesh.element()))));
                     }
@@ -110,8 +112,25 @@ impl<'a> Meshes<'a> {
             return Err(mesh.error("a `refquat` that is not zero", "zeros"));
         };
         let turn = reference.rotation.conjugate();
-        Ok(Ok(points.into_iter().map(|p: DVec3| scale * (turn * (p - position))).collect()))
+        // MuJoCo's `inertia="convex"` asks for the hull, whatever the triangles say; a mirrored mesh is turned inside out.
+        if mesh.text("inertia") == Some("convex") {
+            triangles.clear();
+        }
+        if scale.x * scale.y * scale.z < 0.0 {
+            triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        let vertices = vertices.into_iter().map(|p| scale * (turn * (p - position))).collect();
+        Ok(Ok(MeshShape { vertices, triangles }))
     }
+}
+
+/// Triangles of a list of indices; none where one is no vertex.
+fn triangles(numbers: &[f64], vertices: usize) -> Vec<[u32; 3]> {
+    let is_vertex = |x: &f64| x.fract() == 0.0 && (0.0..vertices as f64).contains(x);
+    if !numbers.iter().all(is_vertex) {
+        return Vec::new();
+    }
+    numbers.chunks_exact(3).map(|t| [t[0] as u32, t[1] as u32, t[2] as u32]).collect()
 }
 
 impl Geom {
@@ -140,7 +159,7 @@ impl Geom {
         let kind = geom.text("type").unwrap_or("sphere");
         let shape = match kind {
             "mesh" if !collides && !has_mass => Err("a visual".into()),
-            "mesh" => meshes.vertices(geom)?.map(Shape::Points),
+            "mesh" => meshes.mesh(geom)?.map(Shape::Mesh),
             _ => match geom.text("mesh") {
                 Some(mesh) if collides || has_mass => {
                     let place = geom.tree.place(geom.element());
@@ -217,7 +236,7 @@ impl Shape {
             Self::Cylinder { radius, half } => Geometry::Cylinder { radius: *radius, length: 2.0 * half },
             Self::Ellipsoid(axes) => Geometry::Points(ellipsoid(*axes)),
             Self::Box(half) => Geometry::Box((2.0 * *half).to_array()),
-            Self::Points(points) => Geometry::Points(points.iter().map(|p| p.to_array()).collect()),
+            Self::Mesh(mesh) => Geometry::Points(mesh.vertices.iter().map(|p| p.to_array()).collect()),
         })
     }
 }
@@ -264,17 +283,23 @@ fn volume_properties(shape: &Shape) -> Result<(f64, DVec3, DMat3), String> {
             let along = tube * 0.5 * r * r + ball * 0.4 * r * r;
             (whole, DVec3::ZERO, diagonal(across / whole, across / whole, along / whole))
         }
-        Shape::Points(points) => hull_properties(points)?,
+        Shape::Mesh(mesh) if mesh.is_closed() => properties(&mesh.vertices, &mesh.triangles)?,
+        Shape::Mesh(mesh) => hull_properties(&mesh.vertices)?,
     })
 }
 
-/// Those of the convex hull, as the sum over tetrahedra from one point to each triangle.
+/// Those of the convex hull.
 fn hull_properties(points: &[DVec3]) -> Result<(f64, DVec3, DMat3), String> {
     if points.len() < 4 || points.iter().any(|v| !v.is_finite()) {
         return Err("a mesh without four finite vertices".into());
     }
     let (vertices, triangles) = parry3d_f64::transformation::try_convex_hull(points)
         .map_err(|e| format!("a mesh without a convex hull: {e}"))?;
+    properties(&vertices, &triangles)
+}
+
+/// Those of a closed surface, as the sum over tetrahedra from one point to each triangle.
+fn properties(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(f64, DVec3, DMat3), String> {
     let inside = vertices.iter().sum::<DVec3>() / vertices.len() as f64;
     let (mut volume, mut first, mut second) = (0.0, DVec3::ZERO, DMat3::ZERO);
     for [a, b, c] in triangles.iter().map(|t| t.map(|i| vertices[i as usize] - inside)) {
@@ -285,7 +310,10 @@ fn hull_properties(points: &[DVec3]) -> Result<(f64, DVec3, DMat3), String> {
         let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
         second += (outer(a) + outer(b) + outer(c) + outer(sum)) * (part / 20.0);
     }
-    if volume <= 0.0 {
+    // Triangles may be turned inwards, all of them.
+    let turn = volume.signum();
+    let (volume, first, second) = (turn * volume, turn * first, second * turn);
+    if volume <= 0.0 || !volume.is_finite() {
         return Err("a mesh without a volume".into());
     }
     let (com, second) = (first / volume, second * (1.0 / volume));

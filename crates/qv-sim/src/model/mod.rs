@@ -2,10 +2,12 @@
 
 pub(crate) mod inertia;
 mod mechanics;
+mod mesh;
 mod urdf;
 
 pub use mechanics::Mechanics;
-pub use urdf::{MeshVertices, ModelOptions};
+pub use mesh::MeshShape;
+pub use urdf::{MeshReader, ModelOptions};
 
 use crate::SimError;
 use glam::{DMat3, DVec3};

@@ -1,15 +1,15 @@
 //! Reading a URDF: checks, merging of fixed joints, depth-first order.
 
 use super::inertia::{MassProperties, is_of_a_body, nearest_of_a_body, positive_definite, principal_moments};
-use super::{BaseKind, Frame, Geom, Joint, JointKind, Link, Model, Shape};
+use super::{BaseKind, Frame, Geom, Joint, JointKind, Link, MeshShape, Model, Shape};
 use crate::SimError;
 use crate::urdf::{self, Geometry, JointElement, JointType, LinkElement, Origin};
 use glam::{DMat3, DVec3};
 use qv_core::Pose;
 use std::collections::HashMap;
 
-/// Gives the vertices \[m\] of the mesh file that a URDF names, or says why it cannot.
-pub type MeshVertices<'a> = dyn Fn(&str) -> Result<Vec<DVec3>, String> + 'a;
+/// Gives the mesh file \[m\] that a URDF or MJCF names, or says why it cannot.
+pub type MeshReader<'a> = dyn Fn(&str) -> Result<MeshShape, String> + 'a;
 
 /// How a URDF is read.
 #[derive(Default)]
@@ -20,7 +20,7 @@ pub struct ModelOptions<'a> {
     pub armature: f64,
     /// Reads collision meshes, which become convex hulls. Without it they are left out and listed in
     /// [`Model::left_out`].
-    pub mesh_vertices: Option<&'a MeshVertices<'a>>,
+    pub mesh_reader: Option<&'a MeshReader<'a>>,
     /// Joints by name that do not move, with the positions \[rad or m\] that they are held at: as if they were fixed there.
     pub held: &'a [(String, f64)],
 }
@@ -334,8 +334,8 @@ impl Builder<'_> {
     }
 
     fn read_mesh(&self, filename: &str, scale: DVec3) -> Result<Shape, String> {
-        let read = self.options.mesh_vertices.ok_or_else(|| format!("no reader for mesh `{filename}`"))?;
-        let vertices: Vec<DVec3> = read(filename)?.into_iter().map(|v| v * scale).collect();
+        let read = self.options.mesh_reader.ok_or_else(|| format!("no reader for mesh `{filename}`"))?;
+        let vertices: Vec<DVec3> = read(filename)?.vertices.into_iter().map(|v| v * scale).collect();
         hull(&vertices).map(Shape::Hull).map_err(|e| format!("mesh `{filename}` has {e}"))
     }
 

@@ -34,9 +34,10 @@ fn a_hull_rests_like_the_box_it_wraps() {
     );
     let corners = |_: &str| {
         let sign = |bit: i32| if bit == 0 { -1.0 } else { 1.0 };
-        Ok((0..8).map(|c| glam::DVec3::new(0.1 * sign(c & 1), 0.15 * sign(c & 2), 0.05 * sign(c & 4))).collect())
+        let corner = |c: i32| glam::DVec3::new(0.1 * sign(c & 1), 0.15 * sign(c & 2), 0.05 * sign(c & 4));
+        Ok(qv_sim::MeshShape { vertices: (0..8).map(corner).collect(), triangles: Vec::new() })
     };
-    let options = ModelOptions { base: BaseKind::Floating, mesh_vertices: Some(&corners), ..Default::default() };
+    let options = ModelOptions { base: BaseKind::Floating, mesh_reader: Some(&corners), ..Default::default() };
     let rock = Model::from_urdf(&urdf, &options).unwrap();
     for terrain in [Terrain::plane(), tabletop()] {
         let end = settle(&rock, &terrain, &SimOptions::default(), &at(0.07), 600);
