@@ -216,6 +216,14 @@ fn outcome(evidence: &Evidence, policy: &Policy, decision: &mut Decision) -> Out
             })
             .collect();
         let asked = policy.alpha / narrow.len().max(1) as f64;
+        // What a steady hypothesis predicts, though a test refuses it, does not come from outside.
+        let is_predicted = |k: usize| {
+            decision.judged[k].p_size < policy.alpha / decision.judged.len() as f64
+                && predicted_share(evidence, k) >= policy.least_share
+        };
+        if (0..decision.judged.len()).any(is_predicted) {
+            return Outcome::Unexplained;
+        }
         if narrow.iter().any(|&k| acts_outside(evidence, k, &evidence.events, policy, asked)) {
             return Outcome::Unexplained;
         }
