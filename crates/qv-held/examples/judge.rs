@@ -70,6 +70,7 @@ fn line(folder: &str, evidence: &Evidence, decision: &Decision, seconds: f64) ->
         "references": evidence.left_out,
         "best": best,
         "pairs": (evidence.pairs.iter().zip(&decision.pairs)).map(pair).collect::<Vec<Value>>(),
+        "joints": evidence.joints,
         "events": decision.events.len(),
         "seconds": seconds,
     })

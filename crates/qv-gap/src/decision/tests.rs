@@ -304,3 +304,16 @@ fn a_trifle_of_all_joints_is_no_cause_in_some_of_them() {
     let elsewhere = Candidate { members: vec![1, 4, 7], ..whole };
     assert_eq!(judged(&[elsewhere, part]).accused, [1]);
 }
+
+#[test]
+fn a_null_that_one_joint_spoils_is_no_agreement() {
+    let arm = |held_out: [f64; 2]| {
+        let mut evidence = latency();
+        (evidence.is_free, evidence.level, evidence.held_out) = (false, level(0.71), held_out);
+        evidence.corrected = None;
+        evidence.rounds.clear();
+        decided(&evidence, &Policy::default()).verdict
+    };
+    assert_eq!(arm([17.0, 17.4]), Verdict::NoGap);
+    assert_eq!(arm([597.0, 17.4]), Verdict::Unexplained);
+}
