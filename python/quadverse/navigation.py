@@ -13,6 +13,31 @@ RINGS = np.array([0.25, 0.4, 0.55, 0.75, 1.0, 1.5, 2.2, 3.3, 5.0])
 RAY_STEP, FARTHEST, NEAREST, CAMERA, AGE, KEPT = 0.08, 6.0, 0.05, 0.30, 0.4, 0.96
 HEAD, TAIL = 0.33, 0.30
 COLOURS = ("red", "blue", "yellow")
+#: Colours with names of a policy that takes any colour, red, green, blue as shown.
+NAMED = {
+    "red": (0.86, 0.23, 0.20),
+    "orange": (0.95, 0.50, 0.10),
+    "yellow": (0.91, 0.77, 0.17),
+    "green": (0.15, 0.65, 0.25),
+    "cyan": (0.10, 0.75, 0.80),
+    "blue": (0.20, 0.36, 0.80),
+    "purple": (0.55, 0.20, 0.75),
+    "pink": (0.95, 0.35, 0.65),
+}
+
+
+def goal_code(colour):
+    """Numbers by which a policy that takes any colour is commanded: a name of :data:`NAMED`, ``#rrggbb``, or three numbers 0 to 1."""
+    if isinstance(colour, str):
+        digits = colour[1:] if colour.startswith("#") and len(colour) == 7 else None
+        if colour not in NAMED and digits is None:
+            raise ValueError(f"colour: expected {', '.join(NAMED)} or #rrggbb, found {colour}")
+        colour = NAMED[colour] if colour in NAMED else [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
+    colour = np.asarray(colour, np.float32)
+    most = float(colour.max())
+    if most <= 0.0 or (most - float(colour.min())) / most < 0.35:
+        raise ValueError(f"colour: expected one with a hue, found {colour.tolist()}")
+    return 2.0 * colour / most - 1.0
 
 
 def _turn(angle, points):
@@ -149,7 +174,8 @@ class Navigator:
         self.session = onnxruntime.InferenceSession(str(policy), providers=["CPUExecutionProvider"])
         metadata = self.session.get_modelmeta().custom_metadata_map
         self.recall = Recall([float(x) for x in metadata["half_sides"].split()])
-        self.colour = np.eye(3, dtype=np.float32)[COLOURS.index(colour)]
+        takes_any = metadata.get("goal") == "colour"
+        self.colour = goal_code(colour) if takes_any else np.eye(3, dtype=np.float32)[COLOURS.index(colour)]
         self.memory = np.zeros((1, 192), np.float32)
         self.last = np.zeros(3)
 

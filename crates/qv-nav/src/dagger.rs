@@ -6,7 +6,8 @@ use crate::augment::Change;
 use crate::legs::Legs;
 use crate::loss::{loss, sight_loss};
 use crate::net::{HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Stretch, TransposedWeights};
-use crate::pilots::{MixedPilot, NetPilot};
+use crate::pilots::{MixedPilot, Mixture, NetPilot};
+use crate::places::Sites;
 use crate::recall::RECALL;
 use crate::roll::{EpisodeTrace, Record, Stage, driven_frames, roll};
 pub use crate::settings::TrainSettings;
@@ -131,60 +132,116 @@ impl Student {
         notify: &mut dyn FnMut(&Progress),
     ) -> Result<Progress, NavError> {
         let settings = self.settings.clone();
-        let before = self.frames();
-        let rounds = self.rounds as f64;
-        let part = |within: f64| (rounds + within) / settings.rounds as f64;
-        let (round, share) = (self.rounds + 1, part(0.0));
-        let mut progress = Progress { round, share, loss: f64::NAN, frames: before, success: None, gains: None };
-        let (mut gathered, mut batch) = (Vec::<EpisodeTrace>::new(), 0u64);
-        while driven_frames(&gathered) < settings.frames {
-            let seed = Xoshiro256PlusPlus::of(settings.seed, 92 + self.rounds as u64 * 1000, batch).bits();
+        let mut gather = |student: &mut Self, batch: u64| {
+            let seed = student.seed_of(batch);
             let drawn = episodes.draw(stage.world, legs.count(), seed)?;
-            gathered.extend(match &settings.policy {
-                None => self.drive(stage, legs, drawn)?,
-                Some(policy) => self.explore(policy, stage, legs, (drawn, seed))?,
-            });
-            batch += 1;
-            let now = driven_frames(&gathered);
-            progress.frames = before + now;
-            progress.share = part(0.5 * (now as f64 / settings.frames as f64).min(1.0));
-            notify(&progress);
-        }
-        let own = gathered.iter().filter(|d| d.alone).count();
-        if own > 0 {
-            let reached = gathered.iter().filter(|d| d.alone && d.trial.reached()).count();
-            progress.success = Some(reached as f64 / own as f64);
-        }
+            match &settings.policy {
+                None => student.driver().drive(stage, legs, drawn),
+                Some(policy) => student.explore(policy, stage, legs, (drawn, seed)),
+            }
+        };
+        let (mut progress, mut gathered) = self.gather(&mut gather, notify)?;
         if let Some(policy) = &settings.policy {
             progress.gains = Some(self.weigh(policy, stage.world, &mut gathered)?);
             self.records.clear();
         }
+        self.learn(gathered, progress, notify)
+    }
+
+    /// The same in many places, of which [`SITES`] are driven in at once. A student learns by PPO in one place alone.
+    ///
+    /// # Errors
+    /// When a place cannot be drawn, and as [`Student::round`].
+    pub fn round_over(
+        &mut self,
+        sites: &dyn Sites,
+        notify: &mut dyn FnMut(&Progress),
+    ) -> Result<Progress, NavError> {
+        if self.settings.policy.is_some() {
+            return Err(NavError::value("policy", "none: PPO learns in one place", "one"));
+        }
+        let mut gather = |student: &mut Self, batch: u64| {
+            let driver = student.driver();
+            let seeds: Vec<u64> = (0..SITES as u64).map(|k| student.seed_of(batch * SITES as u64 + k)).collect();
+            let of_sites: Vec<Result<Vec<EpisodeTrace>, NavError>> = seeds
+                .into_par_iter()
+                .map(|seed| {
+                    let mut driven = Vec::new();
+                    sites.visit(seed, &mut |stage, legs, episodes| {
+                        let drawn = episodes.draw(stage.world, legs.count(), seed)?;
+                        driven = driver.drive(stage, legs, drawn)?;
+                        Ok(())
+                    })?;
+                    Ok(driven)
+                })
+                .collect();
+            let mut all = Vec::new();
+            for driven in of_sites {
+                all.extend(driven?);
+            }
+            Ok(all)
+        };
+        let (progress, gathered) = self.gather(&mut gather, notify)?;
+        self.learn(gathered, progress, notify)
+    }
+
+    /// The seed of a batch of this round.
+    fn seed_of(&self, batch: u64) -> u64 {
+        Xoshiro256PlusPlus::of(self.settings.seed, 92 + self.rounds as u64 * 1000, batch).bits()
+    }
+
+    fn driver(&self) -> Driver<'_> {
+        let mixture = if self.rounds == 0 { self.settings.first } else { self.settings.later };
+        Driver { net: &self.net, parameters: &self.parameters, mixture }
+    }
+
+    /// Drives batch after batch until enough is gathered.
+    fn gather(
+        &mut self,
+        batch: &mut dyn FnMut(&mut Self, u64) -> Result<Vec<EpisodeTrace>, NavError>,
+        notify: &mut dyn FnMut(&Progress),
+    ) -> Result<(Progress, Vec<EpisodeTrace>), NavError> {
+        let before = self.frames();
+        let (round, share) = (self.rounds + 1, self.share_of(0.0));
+        let mut progress = Progress { round, share, loss: f64::NAN, frames: before, success: None, gains: None };
+        let (mut gathered, mut batches) = (Vec::<EpisodeTrace>::new(), 0u64);
+        let frames = self.settings.frames;
+        while driven_frames(&gathered) < frames {
+            gathered.extend(batch(self, batches)?);
+            batches += 1;
+            let now = driven_frames(&gathered);
+            progress.frames = before + now;
+            progress.share = self.share_of(0.5 * (now as f64 / frames as f64).min(1.0));
+            notify(&progress);
+        }
+        let own: Vec<&EpisodeTrace> = gathered.iter().filter(|d| d.alone && !d.episode.is_absent).collect();
+        if !own.is_empty() {
+            progress.success = Some(own.iter().filter(|d| d.trial.reached()).count() as f64 / own.len() as f64);
+        }
+        Ok((progress, gathered))
+    }
+
+    /// Learns from what was gathered, and from all before.
+    fn learn(
+        &mut self,
+        gathered: Vec<EpisodeTrace>,
+        mut progress: Progress,
+        notify: &mut dyn FnMut(&Progress),
+    ) -> Result<Progress, NavError> {
         self.add(gathered.into_iter().map(|driven| driven.record));
-        let epochs = settings.epochs_of(self.rounds);
+        let epochs = self.settings.epochs_of(self.rounds);
         for epoch in 0..epochs {
             progress.loss = self.epoch(epoch)?;
-            progress.share = part(0.5 + 0.5 * (epoch + 1) as f64 / epochs as f64);
+            progress.share = self.share_of(0.5 + 0.5 * (epoch + 1) as f64 / epochs as f64);
             notify(&progress);
         }
         self.rounds += 1;
         Ok(progress)
     }
 
-    /// Episodes that student, teacher and drawn commands drive in turn.
-    fn drive(&self, stage: &Stage, legs: &mut dyn Legs, drawn: Vec<Episode>) -> Result<Vec<EpisodeTrace>, NavError> {
-        let mixture = if self.rounds == 0 { self.settings.first } else { self.settings.later };
-        let student = NetPilot::new(&self.net, &self.parameters, legs.count());
-        let mut pilot = MixedPilot::new(student, stage.world.limits, mixture, legs.count());
-        let rolled = roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?;
-        let all = drawn.into_iter().zip(rolled);
-        Ok(all
-            .map(|(episode, (trial, record))| EpisodeTrace {
-                alone: mixture.is_alone(&episode),
-                episode,
-                trial,
-                record,
-            })
-            .collect())
+    /// Share of the training that is done once a share of this round is.
+    fn share_of(&self, within: f64) -> f64 {
+        (self.rounds as f64 + within) / self.settings.rounds as f64
     }
 
     /// Adds episodes to what is learnt from.
@@ -192,6 +249,15 @@ impl Student {
         let before = self.records.len();
         self.records.extend(records.into_iter().filter(|r| !r.is_empty()));
         self.gathered += self.records[before..].iter().map(Record::len).sum::<usize>();
+        // The oldest go: a student that has become better no longer comes where it was then.
+        let mut kept: usize = self.records.iter().map(Record::len).sum();
+        let old = self.records.iter().take_while(|record| {
+            let is_old = kept > self.settings.kept;
+            kept -= if is_old { record.len() } else { 0 };
+            is_old
+        });
+        let old = old.count();
+        self.records.drain(..old);
     }
 
     /// Learns once from all records; gives the mean loss of a decision.
@@ -262,6 +328,34 @@ impl Student {
             return Err(NavError::value("length of the gradient", "a finite number", length));
         }
         Ok((shards.iter().map(|s| s.loss).sum(), samples))
+    }
+}
+
+/// Places that are driven in at once: so many, on any number of threads.
+pub const SITES: usize = 8;
+
+/// Who drives the episodes of a round.
+struct Driver<'a> {
+    net: &'a Net,
+    parameters: &'a [f32],
+    mixture: Mixture,
+}
+
+impl Driver<'_> {
+    /// Episodes that student, teacher and drawn commands drive in turn.
+    fn drive(&self, stage: &Stage, legs: &mut dyn Legs, drawn: Vec<Episode>) -> Result<Vec<EpisodeTrace>, NavError> {
+        let student = NetPilot::new(self.net, self.parameters, legs.count());
+        let mut pilot = MixedPilot::new(student, stage.world.limits, self.mixture, legs.count());
+        let rolled = roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?;
+        let all = drawn.into_iter().zip(rolled);
+        Ok(all
+            .map(|(episode, (trial, record))| EpisodeTrace {
+                alone: self.mixture.is_alone(&episode),
+                episode,
+                trial,
+                record,
+            })
+            .collect())
     }
 }
 

@@ -2,6 +2,8 @@
 
 use crate::NavError;
 use crate::net::{HEIGHT, WIDTH};
+use crate::goals::Goal;
+pub use crate::sight::LINEAR;
 use crate::sight::{COLOURS, Cone};
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::random::Xoshiro256PlusPlus;
@@ -80,8 +82,6 @@ impl Eye for BlindEye {
     }
 }
 
-/// Linear colours of the cones, red, green, blue.
-pub const LINEAR: [[f64; 3]; 3] = [[0.70, 0.04, 0.03], [0.03, 0.10, 0.60], [0.80, 0.55, 0.02]];
 /// Looks of each colour in [`SplatEye`]: brightness, the factor on the middle channel, which turns the hue by up to 5 degrees, and the width.
 const LOOKS: [(f64, f64, f64); 4] = [(0.55, 1.0, 0.92), (0.85, 1.3, 1.0), (1.1, 0.75, 0.96), (1.5, 1.0, 0.96)];
 
@@ -90,6 +90,7 @@ pub struct SplatEye {
     /// The place in several paints; an episode has one of them.
     clouds: Vec<GaussianCloud>,
     group_of: Vec<u32>,
+    looks: Looks,
     /// What is behind everything.
     background: [f32; 3],
     antialias: bool,
@@ -132,7 +133,31 @@ impl SplatEye {
         for cloud in &mut clouds {
             group_of = Self::add_cones(cloud);
         }
-        Self { clouds, group_of, background: SKY, antialias: false }
+        Self { clouds, group_of, looks: Looks::CONES, background: SKY, antialias: false }
+    }
+
+    /// The same with other goals than cones of three colours, each of one look. `seed` draws how bright each is.
+    pub fn with_goals(mut clouds: Vec<GaussianCloud>, goals: &[Goal], seed: u64) -> Self {
+        let mut group_of = Vec::new();
+        for (paint, cloud) in clouds.iter_mut().enumerate() {
+            group_of = vec![0; cloud.len()];
+            for (k, goal) in goals.iter().enumerate() {
+                let mut random = Xoshiro256PlusPlus::of(seed, 97, (paint * goals.len() + k) as u64);
+                let brightness = f64::from(random.between(-0.5, 0.4).exp());
+                let count = goal.add(cloud, brightness);
+                group_of.extend(std::iter::repeat_n(1 + k as u32, count));
+            }
+        }
+        let looks = Looks { kinds: goals.len(), each: 1 };
+        Self { clouds, group_of, looks, background: SKY, antialias: false }
+    }
+
+    /// The place of this eye with other goals, see [`SplatEye::with_goals`].
+    pub fn having(self, goals: &[Goal], seed: u64) -> Self {
+        let still: Vec<bool> = self.group_of.iter().map(|group| *group == 0).collect();
+        let clouds = self.clouds.iter().map(|cloud| cloud.filtered(|k| still[k])).collect();
+        let Self { background, antialias, .. } = self;
+        Self { background, antialias, ..Self::with_goals(clouds, goals, seed) }
     }
 
     /// The same, drawn as the scene of its place was made to be drawn: over its background (red, green, blue as shown, 0 to 1), and with
@@ -176,7 +201,7 @@ impl SplatEye {
         };
         cloud.features = self.group_of.iter().enumerate().flat_map(of).collect();
         cloud.feature_count = 4;
-        let environments = [Self::groups(&shot.cones)];
+        let environments = [self.looks.groups(&shot.cones)];
         let scene = Scene { cloud: &cloud, group_of: &self.group_of, environments: &environments };
         let outputs = Outputs { features: true, ..Default::default() };
         let settings = Settings { outputs, antialias: self.antialias, ..Default::default() };
@@ -221,12 +246,29 @@ impl SplatEye {
         (shot.seed >> 8) as usize % paints
     }
 
+    /// How goals are counted as groups.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn looks(&self) -> Looks {
+        self.looks
+    }
+}
+
+/// Goals as groups of Gaussians: so many kinds, and looks of each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Looks {
+    kinds: usize,
+    each: usize,
+}
+
+impl Looks {
+    const CONES: Self = Self { kinds: COLOURS.len(), each: LOOKS.len() };
+
     /// Poses of the cones by group.
-    pub(crate) fn groups(cones: &[Cone]) -> Vec<Option<Pose>> {
-        let mut groups = vec![None; COLOURS.len() * LOOKS.len()];
-        for cone in cones {
+    pub(crate) fn groups(self, cones: &[Cone]) -> Vec<Option<Pose>> {
+        let mut groups = vec![None; self.kinds * self.each];
+        for cone in cones.iter().filter(|_| self.kinds > 0) {
             let rotation = DQuat::from_rotation_z(cone.turn);
-            let at = cone.colour.min(COLOURS.len() - 1) * LOOKS.len() + cone.look % LOOKS.len();
+            let at = cone.colour.min(self.kinds - 1) * self.each + cone.look % self.each;
             groups[at] = Some(Pose { position: DVec3::from(cone.place), rotation });
         }
         groups
@@ -242,7 +284,7 @@ impl Eye for SplatEye {
             if chosen.is_empty() {
                 continue;
             }
-            let environments: Vec<Vec<Option<Pose>>> = chosen.iter().map(|&s| Self::groups(&shots[s].cones)).collect();
+            let environments: Vec<Vec<Option<Pose>>> = chosen.iter().map(|&s| self.looks.groups(&shots[s].cones)).collect();
             let scene = Scene { cloud, group_of: &self.group_of, environments: &environments };
             let view = |(environment, &s): (usize, &usize)| View { camera: finer(&shots[s].camera), environment };
             let views: Vec<View> = chosen.iter().enumerate().map(view).collect();

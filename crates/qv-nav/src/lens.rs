@@ -75,6 +75,22 @@ impl LensSpread {
         }
     }
 
+    /// Wider ones, for many places: cameras and light differ more than in one.
+    pub fn of_many_places() -> Self {
+        Self {
+            gain: [0.0, 0.3],
+            balance: 0.07,
+            gamma: 0.15,
+            bias: 0.03,
+            noise: [0.0, 0.03],
+            place: 0.02,
+            turn: 0.04,
+            focal: 0.05,
+            blur: [0.0, 1.1],
+            ..Self::wide()
+        }
+    }
+
     /// Checks the numbers.
     ///
     /// # Errors

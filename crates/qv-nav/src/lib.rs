@@ -14,11 +14,13 @@ pub mod card;
 pub mod dagger;
 pub mod env;
 mod error;
+pub mod exam;
 pub mod eye;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
 pub mod fit;
+pub mod goals;
 pub mod legs;
 pub mod lens;
 mod limits;
@@ -31,6 +33,7 @@ pub mod net;
 pub mod onnx;
 pub mod photographs;
 pub mod pilots;
+pub mod places;
 pub mod recall;
 pub mod reflex;
 pub mod roll;

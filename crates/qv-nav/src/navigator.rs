@@ -2,7 +2,8 @@
 //! compares both.
 
 use crate::NavError;
-use crate::net::{HEIGHT, HIDDEN, SIGHT, STATE, WIDTH};
+use crate::goals::{GoalSet, code, colour_of};
+use crate::net::{COLOUR, HEIGHT, HIDDEN, SIGHT, STATE, WIDTH};
 use crate::onnx::POOL;
 use crate::recall::{Planar, Recall};
 use crate::reflex::Reflex;
@@ -22,20 +23,26 @@ pub struct Navigator {
     limits: Limits,
     /// Distance of the head before the base \[m\].
     head: f64,
-    colour: usize,
+    goal: [f32; COLOUR],
     memory: Vec<f32>,
     last: [f64; 3],
 }
 
 impl Navigator {
-    /// Over the bytes of `policy.onnx`, to the cone of a colour ([`COLOURS`]).
+    /// Over the bytes of `policy.onnx`, to the goal of a colour: one of [`COLOURS`], or for a policy that takes any colour what
+    /// [`colour_of`] takes.
     ///
     /// # Errors
     /// When the file is no such policy, or the colour is none of them.
     pub fn new(policy: &[u8], colour: &str) -> Result<Self, NavError> {
-        let known = COLOURS.iter().position(|name| *name == colour);
-        let colour = known.ok_or_else(|| NavError::value("colour", &COLOURS.join(", "), colour))?;
         let model = OnnxModel::from_bytes(policy)?;
+        let goal = if model.metadata("goal") == Some("colour") {
+            code(colour_of(colour)?)
+        } else {
+            let known = COLOURS.iter().position(|name| *name == colour);
+            let at = known.ok_or_else(|| NavError::value("colour", &COLOURS.join(", "), colour))?;
+            GoalSet::named().code(at)
+        };
         let recall = Recall::new(half_sides(model.metadata("half_sides").unwrap_or_default())?);
         Ok(Self {
             model,
@@ -43,7 +50,7 @@ impl Navigator {
             reflex: Reflex::default(),
             limits: Limits::default(),
             head: Rig::default().head,
-            colour,
+            goal,
             memory: vec![0.0; HIDDEN],
             last: [0.0; 3],
         })
@@ -64,8 +71,8 @@ impl Navigator {
         }
         self.recall.go(odometry);
         let mut state = [0.0; STATE];
-        state[self.colour] = 1.0;
-        state[COLOURS.len()..].iter_mut().zip(gravity).for_each(|(to, x)| *to = x as f32);
+        state[..COLOUR].copy_from_slice(&self.goal);
+        state[COLOUR..].iter_mut().zip(gravity).for_each(|(to, x)| *to = x as f32);
         let recall = self.recall.features();
         let inputs = [
             ("frame", Numbers::Bytes(frame)),

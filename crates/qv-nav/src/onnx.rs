@@ -17,6 +17,7 @@ use crate::net::{COLOUR, COMMAND, HEIGHT, HIDDEN, Net, OUTPUTS, SIGHT, STATE, Ti
 use crate::recall::RECALL;
 use crate::sight::COLOURS;
 use crate::task::Limits;
+use crate::weights::GoalInput;
 use qv_policy::net::Dense;
 use qv_policy::onnx::{GraphBuilder, Gru, OnnxError, Tensor};
 
@@ -28,6 +29,20 @@ pub const POOL: usize = 8;
 /// # Errors
 /// When a number is not finite.
 pub fn to_bytes(net: &Net, parameters: &[f32], limits: &Limits, half_sides: [f64; 2]) -> Result<Vec<u8>, NavError> {
+    to_bytes_for(net, parameters, limits, half_sides, GoalInput::Name)
+}
+
+/// The same of a network that is commanded in some way; metadata `goal` is `colour` where `state` begins with [`crate::goals::code`].
+///
+/// # Errors
+/// When a number is not finite.
+pub fn to_bytes_for(
+    net: &Net,
+    parameters: &[f32],
+    limits: &Limits,
+    half_sides: [f64; 2],
+    input: GoalInput,
+) -> Result<Vec<u8>, NavError> {
     let mut graph = GraphBuilder::new();
     let frame = graph.input_bytes("frame", &[POOL * HEIGHT, POOL * WIDTH, 3])?;
     let state = graph.input("state", STATE)?;
@@ -97,7 +112,10 @@ pub fn to_bytes(net: &Net, parameters: &[f32], limits: &Limits, half_sides: [f64
     graph.output(&cone, "cone", OUTPUTS - COMMAND)?;
     graph.output(&sight, "sight", SIGHT)?;
     graph.output(&next, "next_memory", HIDDEN)?;
-    graph.metadata("colours", &COLOURS.join(" "));
+    match input {
+        GoalInput::Name => graph.metadata("colours", &COLOURS.join(" ")),
+        GoalInput::Colour => graph.metadata("goal", "colour"),
+    }
     graph.metadata("half_sides", &half_sides.map(|x| x.to_string()).join(" "));
     graph.metadata("period", &crate::task::PERIOD.to_string());
     Ok(graph.finish())

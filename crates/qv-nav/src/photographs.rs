@@ -176,12 +176,63 @@ struct ConeAnswer {
     off: Option<(f64, f64)>,
 }
 
+/// What a network says of one picture when it is asked for one goal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PictureAnswer {
+    /// How sure it is that the goal is in view, 0 to 1; above 0.5 it says so.
+    pub sure: f64,
+    /// Bearing of the goal from the base's heading \[rad\], positive to the left.
+    pub bearing_rad: f64,
+    /// Distance of the goal from the base \[m\].
+    pub distance_m: f64,
+}
+
+/// A question about a pair, and both answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Question {
+    /// Index of the pair.
+    pub pair: usize,
+    /// Colour that was asked for, see [`COLOURS`].
+    pub colour: String,
+    /// Whether a cone of this colour is in the pictures.
+    pub is_there: bool,
+    /// Of the photograph.
+    pub photographed: PictureAnswer,
+    /// Of the drawn picture.
+    pub drawn: PictureAnswer,
+}
+
+/// What a network says of each picture: of those with a cone when it is asked for its colour, of the others when it is asked for all colours.
+pub fn questions(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -> Vec<Question> {
+    let mut scratch = net.scratch();
+    let mut ask = |pair: &Pair, picture: &[u8], colour: usize| {
+        let picture: Vec<f32> = picture.iter().map(|&b| f32::from(b)).collect();
+        let state = state_of(world.goals.code(colour), &pair.base);
+        let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
+        let said = net.step(parameters, &sees, &mut [0.0; HIDDEN], &mut scratch).sight.map(f64::from);
+        PictureAnswer { sure: said[3], bearing_rad: said[0].atan2(said[1]), distance_m: said[2].exp() }
+    };
+    let mut out = Vec::new();
+    for (k, pair) in pairs.iter().enumerate() {
+        for colour in (0..COLOURS.len()).filter(|c| pair.goal.is_none_or(|goal| goal.colour == *c)) {
+            out.push(Question {
+                pair: k,
+                colour: COLOURS[colour].into(),
+                is_there: pair.goal.is_some(),
+                photographed: ask(pair, &pair.photographed, colour),
+                drawn: ask(pair, &pair.drawn, colour),
+            });
+        }
+    }
+    out
+}
+
 /// Asks both pictures of each pair.
 pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -> Agreement {
     let mut scratch = net.scratch();
     let mut ask = |pair: &Pair, picture: &[u8], colour: usize| {
         let picture: Vec<f32> = picture.iter().map(|&b| f32::from(b)).collect();
-        let state = state_of(colour, &pair.base);
+        let state = state_of(world.goals.code(colour), &pair.base);
         let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
         let said = net.step(parameters, &sees, &mut [0.0; HIDDEN], &mut scratch).sight.map(f64::from);
         let off = pair.goal.map(|goal| {
@@ -299,6 +350,12 @@ mod tests {
         let net = Net::default();
         let mut parameters = net.draw(&mut Xoshiro256PlusPlus::new(1));
         let result = agreement(&world, &net, &parameters, &found);
+        // Each picture's answers are what the counts are made of.
+        let asked = questions(&world, &net, &parameters, &found);
+        assert_eq!(asked.len(), result.views + result.questions);
+        let seen = asked.iter().filter(|q| q.is_there && q.drawn.sure > 0.5).count();
+        let imagined = asked.iter().filter(|q| !q.is_there && q.photographed.sure > 0.5).count();
+        assert_eq!((seen, imagined), (result.drawn.seen, result.photographed.imagined));
         assert_eq!((result.views, result.questions), (found.len() - 1, COLOURS.len()));
         assert!((0.0..=1.0).contains(&result.p) && result.drawn.share <= 1.0);
         parameters.fill(0.0);

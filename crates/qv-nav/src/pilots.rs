@@ -176,12 +176,12 @@ pub struct BlobPilot {
     pub limits: Limits,
 }
 
-/// Hue \[degrees\] of each colour.
-const HUES: [f64; 3] = [2.0, 225.0, 47.0];
-
 impl BlobPilot {
-    /// Number of pixels of a colour, their mean column, and the lowest row.
-    pub fn blob(picture: &[u8], colour: usize) -> (usize, f64, usize) {
+    /// So many pixels are a blob.
+    pub const LEAST: usize = 3;
+
+    /// Number of pixels of a hue \[degrees\], their mean column, and the lowest row.
+    pub fn blob(picture: &[u8], hue: f32) -> (usize, f64, usize) {
         let (mut count, mut sum, mut lowest) = (0, 0.0, 0);
         for (k, p) in picture.chunks_exact(3).enumerate() {
             let [r, g, b] = [p[0], p[1], p[2]].map(f64::from);
@@ -190,14 +190,14 @@ impl BlobPilot {
             if most < 60.0 || spread < 0.55 * most {
                 continue;
             }
-            let hue = if most == r {
+            let own = if most == r {
                 60.0 * (g - b) / spread
             } else if most == g {
                 60.0 * (b - r) / spread + 120.0
             } else {
                 60.0 * (r - g) / spread + 240.0
             };
-            let off = (hue - HUES[colour] + 180.0).rem_euclid(360.0) - 180.0;
+            let off = (own - f64::from(hue) + 180.0).rem_euclid(360.0) - 180.0;
             if off.abs() < 12.0 {
                 count += 1;
                 sum += (k % WIDTH) as f64;
@@ -214,16 +214,67 @@ impl Pilot for BlobPilot {
     fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         seen.iter()
             .map(|s| {
-                let (count, column, lowest) = Self::blob(s.picture, s.colour);
+                let (count, column, lowest) = Self::blob(s.picture, s.hue);
                 let turn = (0.5 * WIDTH as f64 - column) / (0.5 * WIDTH as f64) * 0.48;
                 // A cone that fills this many pixels at the lower edge is about 0.3 m from the head.
                 let near = lowest + 1 == HEIGHT && count > 330;
                 let command = match count {
-                    0..3 => [0.0, 0.0, self.limits.turning],
+                    0..Self::LEAST => [0.0, 0.0, self.limits.turning],
                     _ if near => [0.0, 0.0, turn],
                     _ => [0.5 * (1.0 - turn.abs()), 0.0, 2.0 * turn],
                 };
                 Decision { command: self.limits.shares(command), sight: None }
+            })
+            .collect()
+    }
+}
+
+/// The same command always: ahead, with a turn that leads in a circle. What knows nothing reaches this much.
+pub struct ConstantPilot {
+    /// The command as shares of its limits.
+    pub command: [f32; 3],
+}
+
+impl ConstantPilot {
+    /// Ahead at half of its speed, turning a little to the left.
+    pub fn circling(limits: &Limits) -> Self {
+        Self { command: limits.shares([0.3, 0.0, 0.15]) }
+    }
+}
+
+impl Pilot for ConstantPilot {
+    fn begin(&mut self, _env: usize, _episode: &Episode) {}
+
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
+        seen.iter().map(|_| Decision { command: self.command, sight: None }).collect()
+    }
+}
+
+/// Commands that are drawn, each held for a second on average.
+pub struct RandomPilot {
+    robots: Vec<([f32; 3], Xoshiro256PlusPlus)>,
+}
+
+impl RandomPilot {
+    /// For `count` robots.
+    pub fn new(count: usize) -> Self {
+        Self { robots: (0..count).map(|_| ([0.0; 3], Xoshiro256PlusPlus::new(0))).collect() }
+    }
+}
+
+impl Pilot for RandomPilot {
+    fn begin(&mut self, env: usize, episode: &Episode) {
+        self.robots[env] = ([0.0; 3], Xoshiro256PlusPlus::of(episode.seed, 79, 0));
+    }
+
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
+        seen.iter()
+            .map(|s| {
+                let (command, random) = &mut self.robots[s.env];
+                if random.unit() < 0.2 || *command == [0.0; 3] {
+                    *command = [0; 3].map(|_| random.between(-1.0, 1.0));
+                }
+                Decision { command: *command, sight: None }
             })
             .collect()
     }

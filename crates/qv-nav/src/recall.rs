@@ -334,8 +334,11 @@ pub fn doubtful(truth: &[f32; SIGHT], random: &mut Xoshiro256PlusPlus) -> [f32; 
     if random.unit() < 0.02 {
         out[3] = 1.0 - out[3];
     }
+    let length = out[6].hypot(out[7]);
     let heading = out[6].atan2(out[7]) + 0.15 * random.normal();
-    (out[6], out[7]) = heading.sin_cos();
+    if length > 0.0 {
+        (out[6], out[7]) = heading.sin_cos();
+    }
     out[4..6].iter_mut().for_each(|x| *x += 0.1 * random.normal());
     let common = 0.05 * random.normal();
     out[8..8 + 2 * RAYS].iter_mut().for_each(|x| *x += common + 0.08 * random.normal());

@@ -4,7 +4,7 @@ use crate::NavError;
 use crate::eye::{Eye, Shot};
 use crate::legs::{Legs, Motion, Start};
 use crate::lens::{Lens, LensSpread};
-use crate::net::{COMMAND, HEIGHT, KNOWN, RAYS, SIGHT, STATE, WIDTH};
+use crate::net::{COLOUR, COMMAND, HEIGHT, KNOWN, RAYS, SIGHT, STATE, WIDTH};
 use crate::recall::{CAMERA, Drift, FARTHEST, NEAREST, Odometer, Planar, RECALL, Recall, doubtful, ray};
 use crate::reflex::Reflex;
 use crate::sight::{Cone, SEEN, free_rays};
@@ -26,8 +26,10 @@ pub struct PilotInput<'a> {
     pub state: &'a [f32; STATE],
     /// What the robot recalls.
     pub recall: &'a [f32; RECALL],
-    /// Colour of the cone that is wanted.
-    pub colour: usize,
+    /// The numbers that command the goal, see [`crate::goals::GoalSet::code`].
+    pub goal: [f32; COLOUR],
+    /// Hue of the goal \[degrees\].
+    pub hue: f32,
     /// What the teacher says: for the teacher alone.
     pub advice: &'a Advice,
 }
@@ -111,6 +113,7 @@ impl Record {
 /// One robot on its way.
 struct Run<'a> {
     env: usize,
+    world: &'a World,
     episode: &'a Episode,
     teacher: Teacher,
     judge: Judge,
@@ -248,13 +251,17 @@ fn decide(
 }
 
 impl<'a> Run<'a> {
-    fn new(stage: &Stage, env: usize, episode: &'a Episode, motion: Motion, keep: bool) -> Self {
+    fn new(stage: &Stage<'a>, env: usize, episode: &'a Episode, motion: Motion, keep: bool) -> Self {
         let [low, high] = stage.world.map.bounds();
         let nothing = Advice { command: [0.0; 3], found: false, in_view: false, bearing: 0.0, distance: 0.0 };
         let mut teacher = Teacher::new(stage.world, &episode.others);
-        teacher.plan(stage.world, &episode.goal);
+        match episode.is_absent {
+            true => teacher = teacher.without_goal(),
+            false => teacher.plan(stage.world, &episode.goal),
+        }
         Self {
             env,
+            world: stage.world,
             episode,
             teacher,
             judge: Judge::new(stage.world, episode),
@@ -262,7 +269,7 @@ impl<'a> Run<'a> {
             odometer: Odometer::new(&stage.drift, Planar::of(&motion.world_from_base), episode.seed),
             recall: Recall::new(0.5 * (high - low)),
             random: Xoshiro256PlusPlus::of(episode.seed, 89, 0),
-            cones: std::iter::once(episode.goal).chain(episode.others.iter().copied()).collect(),
+            cones: Some(episode.goal).filter(|_| !episode.is_absent).into_iter().chain(episode.others.iter().copied()).collect(),
             last: [0.0; 3],
             motion,
             past: motion.world_from_base,
@@ -286,7 +293,7 @@ impl<'a> Run<'a> {
         self.odometer.go(Planar::of(base), PERIOD);
         self.recall.go(self.odometer.pose);
         let picture = self.lens.bytes(drawn, self.motion.gyro);
-        Glimpse { picture, state: state(self.episode, base), recall: self.recall.features() }
+        Glimpse { picture, state: state(self.world, self.episode, base), recall: self.recall.features() }
     }
 
     fn sees<'b>(&'b self, glimpse: &'b Glimpse) -> PilotInput<'b> {
@@ -295,7 +302,8 @@ impl<'a> Run<'a> {
             picture: &glimpse.picture,
             state: &glimpse.state,
             recall: &glimpse.recall,
-            colour: self.episode.goal.colour,
+            goal: self.world.goals.code(self.episode.goal.colour),
+            hue: self.world.goals.hue(self.episode.goal.colour),
             advice: &self.advice,
         }
     }
@@ -303,7 +311,10 @@ impl<'a> Run<'a> {
     /// Keeps what can be learnt, and does what was decided.
     fn follow(&mut self, stage: &Stage, glimpse: &Glimpse, decision: &Decision) {
         let (world, goal) = (stage.world, &self.episode.goal);
-        let truth = sight(world, &self.past, goal, &self.episode.others);
+        let mut truth = sight(world, &self.past, goal, &self.episode.others);
+        if self.episode.is_absent {
+            truth[3] = 0.0;
+        }
         if self.keep {
             let known = known(world, &self.motion.world_from_base, goal);
             self.record.pictures.extend_from_slice(&glimpse.picture);
@@ -323,15 +334,15 @@ impl<'a> Run<'a> {
 }
 
 /// Numbers beside the picture, see [`STATE`].
-pub fn state(episode: &Episode, base: &Pose) -> [f32; STATE] {
-    state_of(episode.goal.colour, base)
+pub fn state(world: &World, episode: &Episode, base: &Pose) -> [f32; STATE] {
+    state_of(world.goals.code(episode.goal.colour), base)
 }
 
-/// The same for the colour of a goal.
-pub(crate) fn state_of(colour: usize, base: &Pose) -> [f32; STATE] {
+/// The same for the numbers that command a goal.
+pub(crate) fn state_of(goal: [f32; COLOUR], base: &Pose) -> [f32; STATE] {
     let gravity = base.rotation.conjugate() * glam::DVec3::NEG_Z;
     let mut out = [0.0; STATE];
-    out[colour.min(2)] = 1.0;
+    out[..COLOUR].copy_from_slice(&goal);
     for k in 0..3 {
         out[3 + k] = gravity[k] as f32;
     }
@@ -348,7 +359,8 @@ fn share(world: &World, p: DVec2) -> DVec2 {
 fn known(world: &World, base: &Pose, goal: &Cone) -> [f32; KNOWN] {
     let (here, there) = (share(world, base.position.truncate()), share(world, goal.axis()));
     let (sine, cosine) = base.yaw().sin_cos();
-    [here.x, here.y, sine, cosine, there.x, there.y].map(|x| x as f32)
+    let all = [here.x, here.y, sine, cosine, there.x, there.y];
+    all.map(|x| if world.is_known { x as f32 } else { 0.0 })
 }
 
 /// What a network should say of a picture that was taken at a pose of the base, see [`SIGHT`]. Other cones than the goal block.
@@ -371,6 +383,9 @@ pub fn sight(world: &World, base: &Pose, goal: &Cone, others: &[Cone]) -> [f32; 
     ];
     let mut out = [0.0; SIGHT];
     out.iter_mut().zip(first).for_each(|(out, x)| *out = x as f32);
+    if !world.is_known {
+        out[4..8].fill(0.0);
+    }
     let foot = Planar::of(base).out(DVec2::new(CAMERA, 0.0));
     let eye = foot.extend(world.map.height(foot).unwrap_or(0.0) + world.teacher.eye);
     for k in 0..RAYS {

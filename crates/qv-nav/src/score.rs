@@ -51,6 +51,49 @@ impl Row {
     }
 }
 
+/// A share with its 95 % interval after Wilson.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Share {
+    /// Hits.
+    pub hits: usize,
+    /// Of so many.
+    pub n: usize,
+    /// Their share; 0 of none.
+    pub share: f64,
+    /// Its interval.
+    pub interval: [f64; 2],
+}
+
+impl Share {
+    /// Of `n` tries.
+    pub fn of(hits: usize, n: usize) -> Self {
+        Self { hits, n, share: hits as f64 / n.max(1) as f64, interval: wilson(hits, n) }
+    }
+}
+
+/// A mean with its 95 % interval: 1.96 standard errors to each side.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Mean {
+    /// The mean; 0 of none.
+    pub value: f64,
+    /// Its interval.
+    pub interval: [f64; 2],
+    /// Of so many.
+    pub n: usize,
+}
+
+impl Mean {
+    /// Of some numbers.
+    pub fn of(numbers: impl Iterator<Item = f64>) -> Self {
+        let all: Vec<f64> = numbers.collect();
+        let n = all.len();
+        let value = all.iter().sum::<f64>() / n.max(1) as f64;
+        let squares: f64 = all.iter().map(|x| (x - value).powi(2)).sum();
+        let half = 1.96 * (squares / (n.max(2) - 1) as f64 / n.max(1) as f64).sqrt();
+        Self { value, interval: [value - half, value + half], n }
+    }
+}
+
 /// The 95 % interval of a share (Wilson 1927).
 pub fn wilson(hits: usize, count: usize) -> [f64; 2] {
     if count == 0 {
@@ -86,6 +129,16 @@ pub fn compared(a: &[Trial], b: &[Trial]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn means_and_shares_have_intervals() {
+        let mean = Mean::of([1.0, 2.0, 3.0, 2.0].into_iter());
+        assert!((mean.value - 2.0).abs() < 1e-12 && mean.n == 4);
+        assert!((mean.interval[1] - 2.0 - 1.96 * (2.0 / 3.0 / 4.0f64).sqrt()).abs() < 1e-12);
+        assert_eq!(Mean::of(std::iter::empty()), Mean { value: 0.0, interval: [0.0; 2], n: 0 });
+        let share = Share::of(5, 10);
+        assert!(share.share == 0.5 && share.interval == wilson(5, 10) && Share::of(0, 0).share == 0.0);
+    }
 
     #[test]
     fn intervals_and_tests_are_those_of_the_tables() {

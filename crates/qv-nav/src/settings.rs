@@ -74,6 +74,8 @@ pub struct TrainSettings {
     pub last_epochs: usize,
     /// Decisions that an epoch learns from at most: beyond them, it takes a part of the episodes, another one each time.
     pub epoch_frames: usize,
+    /// Decisions that are kept to be learnt from again; beyond them the oldest are forgotten. One takes 18 kB.
+    pub kept: usize,
     /// How pictures are changed each time that they are learnt from.
     pub changes: Changes,
     /// Episodes in a step of the optimiser.
@@ -114,6 +116,7 @@ impl Default for TrainSettings {
             epochs: 2,
             last_epochs: 3,
             epoch_frames: 150_000,
+            kept: 100_000_000,
             changes: Changes::default(),
             batch: 16,
             truncated: 25,
@@ -152,6 +155,7 @@ impl TrainSettings {
             ("epochs", self.epochs, 1),
             ("last_epochs", self.last_epochs, 1),
             ("epoch_frames", self.epoch_frames, 1),
+            ("kept", self.kept, 1),
             ("batch", self.batch, 1),
             ("truncated", self.truncated, 1),
             ("robots", self.robots, 1),
@@ -190,6 +194,12 @@ impl TrainSettings {
 }
 
 impl TrainSettings {
+    /// For a student that learns in many places. Fewer robots are in one place at once, so that a round sees more places, and no more decisions are
+    /// kept than fit into 4 GB.
+    pub fn of_many_places() -> Self {
+        Self { robots: 24, kept: 180_000, ..Self::default() }
+    }
+
     /// For a student that was taught and is to learn from its own trials. Pictures are learnt from as they were seen, since with others the network
     /// would not have said what it said.
     pub fn tuning() -> Self {

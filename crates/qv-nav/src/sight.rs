@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 
 /// Colours that a cone can have.
 pub const COLOURS: [&str; 3] = ["red", "blue", "yellow"];
+/// Linear colours of these cones, red, green, blue.
+pub const LINEAR: [[f64; 3]; 3] = [[0.70, 0.04, 0.03], [0.03, 0.10, 0.60], [0.80, 0.55, 0.02]];
 
 /// A cone that stands upright.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -16,7 +18,7 @@ pub struct Cone {
     pub place: [f64; 3],
     /// Height \[m\].
     pub height: f64,
-    /// Index into [`COLOURS`].
+    /// Index into [`COLOURS`], or into the goals of the place ([`crate::goals::GoalSet`]).
     pub colour: usize,
     /// How it looks, for an eye that has several looks of each colour.
     pub look: usize,

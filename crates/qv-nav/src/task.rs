@@ -20,6 +20,8 @@ pub const DECISIONS: usize = 125;
 pub const NEAR: f64 = 0.35;
 /// And slower than this \[m/s\].
 pub const SLOW: f64 = 0.2;
+/// Most decisions of an episode without its goal: 10 s.
+const SEARCHED: usize = 50;
 /// For so many decisions after the first: 0.6 s.
 const HELD: usize = 3;
 /// A cone is pushed when its axis comes so near the line from tail to head \[m\].
@@ -70,6 +72,9 @@ pub struct Episode {
     pub geodesic: f64,
     /// For all that is drawn during the episode.
     pub seed: u64,
+    /// Whether the goal is not there: nothing is to be found, and nothing should be said to be.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_absent: bool,
 }
 
 /// How episodes are drawn.
@@ -85,11 +90,14 @@ pub struct EpisodeSettings {
     pub looks: usize,
     /// Where the goal is at the start, in turn.
     pub strata: Vec<Stratum>,
+    /// Share of episodes without the goal.
+    #[serde(default)]
+    pub absent: f32,
 }
 
 impl Default for EpisodeSettings {
     fn default() -> Self {
-        Self { geodesic: [2.5, 7.0], room: 0.5, height: [0.45, 0.05], looks: 4, strata: Stratum::ALL.to_vec() }
+        Self { geodesic: [2.5, 7.0], room: 0.5, height: [0.45, 0.05], looks: 4, strata: Stratum::ALL.to_vec(), absent: 0.0 }
     }
 }
 
@@ -133,14 +141,15 @@ impl EpisodeSettings {
                 if !(self.geodesic[0]..=self.geodesic[1]).contains(&geodesic) {
                     continue;
                 }
-                let colour = random.below(COLOURS.len());
-                let goal = self.cone(goal, colour, &mut random);
+                let colour = random.below(world.goals.len());
+                let goal = self.cone(world, goal, colour, &mut random);
                 if stratum_of(world, start, yaw, &goal) != Some(stratum) {
                     continue;
                 }
                 let others = self.others(world, start, &goal, &mut random);
                 let seed = random.bits();
-                return Ok(Episode { start: start.to_array(), yaw, goal, others, stratum, geodesic, seed });
+                let is_absent = Xoshiro256PlusPlus::of(seed, 82, index as u64).unit() < self.absent;
+                return Ok(Episode { start: start.to_array(), yaw, goal, others, stratum, geodesic, seed, is_absent });
             }
         }
         let expected = format!("an episode with the cone {}", stratum.name());
@@ -149,11 +158,13 @@ impl EpisodeSettings {
         Err(NavError::value("map", &expected, found))
     }
 
-    fn cone(&self, place: DVec3, colour: usize, random: &mut Xoshiro256PlusPlus) -> Cone {
+    fn cone(&self, world: &World, place: DVec3, colour: usize, random: &mut Xoshiro256PlusPlus) -> Cone {
         let [height, share] = self.height;
+        // Goals that are drawn one by one have the height that they have.
+        let share = if world.goals.height(colour).is_some() { 0.0 } else { share };
         Cone {
             place: place.to_array(),
-            height: height * (1.0 + share * f64::from(random.between(-1.0, 1.0))),
+            height: world.goals.height(colour).unwrap_or(height) * (1.0 + share * f64::from(random.between(-1.0, 1.0))),
             colour,
             look: random.below(self.looks.max(1)),
             turn: f64::from(random.between(-PI as f32, PI as f32)),
@@ -166,7 +177,8 @@ impl EpisodeSettings {
         if random.unit() < 0.5 {
             return others;
         }
-        for colour in (0..COLOURS.len()).filter(|&c| c != goal.colour) {
+        let apart = (0..world.goals.len()).filter(|&c| world.goals.are_apart(c, goal.colour));
+        for colour in some(apart.collect(), COLOURS.len() - 1, random) {
             for _ in 0..50 {
                 let place = world.candidates[random.below(world.candidates.len())];
                 let p = place.truncate();
@@ -176,13 +188,21 @@ impl EpisodeSettings {
                 }
                 let clear = others.iter().chain([goal]).all(|c| c.axis().distance(p) > 0.9);
                 if clear && p.distance(start) > 0.9 {
-                    others.push(self.cone(place, colour, random));
+                    others.push(self.cone(world, place, colour, random));
                     break;
                 }
             }
         }
         others
     }
+}
+
+/// So many of a list, drawn; all of them in their order if there are no more.
+fn some(mut all: Vec<usize>, count: usize, random: &mut Xoshiro256PlusPlus) -> Vec<usize> {
+    while all.len() > count {
+        all.swap_remove(random.below(all.len()));
+    }
+    all
 }
 
 fn stratum_of(world: &World, start: DVec2, yaw: f64, goal: &Cone) -> Option<Stratum> {
@@ -304,7 +324,10 @@ impl Judge {
             trial.seen = trial.seen.or(Some(trial.time));
         }
         let head = world.rig.head(base);
-        let away = head.distance(episode.goal.axis());
+        // What is not there can be neither reached nor pushed.
+        let goal = Some(&episode.goal).filter(|_| !episode.is_absent);
+        let most = if episode.is_absent { SEARCHED } else { DECISIONS };
+        let away = goal.map_or(f64::INFINITY, |goal| head.distance(goal.axis()));
         trial.nearest = trial.nearest.min(away);
         self.held = if away <= NEAR && moved / PERIOD < SLOW { self.held + 1 } else { 0 };
         let tail = p - TAIL * DVec2::from_angle(base.yaw());
@@ -314,11 +337,11 @@ impl Judge {
             Some(End::Fell)
         } else if (0..=4).any(struck) {
             Some(End::Collision)
-        } else if episode.others.iter().chain([&episode.goal]).any(pushed) {
+        } else if episode.others.iter().chain(goal).any(pushed) {
             Some(End::Pushed)
         } else if self.held > HELD {
             Some(End::Reached)
-        } else if step >= DECISIONS {
+        } else if step >= most {
             let recent = self.last_seen.map(|seen| step - seen < (5.0 / PERIOD) as usize);
             Some(recent.map_or(End::NeverSeen, |recent| if recent { End::Slow } else { End::Lost }))
         } else {

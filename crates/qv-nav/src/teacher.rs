@@ -4,11 +4,13 @@
 //! its time. It decides anew each time, so that what it says depends on where the robot is and on what was seen, and on nothing that only a
 //! teacher keeps in mind. A teacher that knew all could not be imitated: the student would see nothing and average left and right.
 
+use crate::goals::GoalSet;
 use crate::limits::{Limits, TAIL, give_way};
 use crate::map::{Field, Map, standing};
 use crate::sight::{Cone, Rig, SEEN, free_rays, in_frustum};
 use glam::{DVec2, DVec3};
 use qv_core::{Camera, Pose};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
@@ -36,6 +38,10 @@ pub struct World {
     pub candidates: Vec<DVec3>,
     /// How the teacher drives.
     pub teacher: TeacherSettings,
+    /// What can be a goal.
+    pub goals: GoalSet,
+    /// Whether a network learns where in the place it is. It cannot where it is in another place each time.
+    pub is_known: bool,
     viewpoints: Vec<Viewpoint>,
 }
 
@@ -135,8 +141,15 @@ impl World {
         if places.is_empty() {
             places = map.places(0.3, 0.0);
         }
-        let viewpoints = places.into_iter().filter_map(on_ground).map(viewpoint).collect();
-        Self { map, rig, limits, candidates, teacher, viewpoints }
+        let places: Vec<DVec3> = places.into_iter().filter_map(on_ground).collect();
+        let viewpoints = places.into_par_iter().map(viewpoint).collect();
+        let goals = GoalSet::named();
+        Self { map, rig, limits, candidates, teacher, goals, is_known: true, viewpoints }
+    }
+
+    /// The same place as one of many, with goals that are commanded by their colours.
+    pub fn among_many(self, goals: GoalSet) -> Self {
+        Self { goals, is_known: false, ..self }
     }
 }
 
@@ -163,6 +176,8 @@ pub struct Teacher {
     began: bool,
     found: bool,
     to_goal: Option<Field>,
+    /// Whether the goal is not there, so that it is never found.
+    is_absent: bool,
     /// Ways to viewpoints past the other cones, once they were wanted.
     ways: HashMap<usize, Field>,
 }
@@ -176,6 +191,7 @@ impl Teacher {
             began: false,
             found: false,
             to_goal: None,
+            is_absent: false,
             ways: HashMap::new(),
         }
     }
@@ -185,11 +201,16 @@ impl Teacher {
         self.to_goal = Some(world.map.field(goal.axis(), &self.avoid));
     }
 
+    /// The same for an episode without its goal: it searches until the end.
+    pub fn without_goal(self) -> Self {
+        Self { is_absent: true, ..self }
+    }
+
     /// What to do at a pose, and what can be seen of the goal.
     pub(crate) fn advise(&mut self, world: &World, base: &Pose, goal: &Cone) -> Advice {
         let camera = world.rig.camera(base);
         self.leave_out(world, base.position.truncate());
-        let in_view = free_rays(&world.map, &camera, goal, true) >= SEEN;
+        let in_view = !self.is_absent && free_rays(&world.map, &camera, goal, true) >= SEEN;
         self.found |= in_view;
         let p = base.position.truncate();
         let to = goal.axis() - p;

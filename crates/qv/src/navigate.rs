@@ -1,8 +1,10 @@
 //! `qv navigate`: a network learns from pictures of a place to reach a cone in it, is tested, and its results become a page.
 
 mod card;
+mod exam;
 mod legs;
 mod look;
+mod many;
 mod page;
 mod place;
 mod train;
@@ -16,15 +18,18 @@ use legs::{LegsArguments, Stable};
 use page::{FromAbove, Results, Strip, TestRow, png_in_base64};
 use place::Task;
 use qv_nav::eye::Paints;
+use qv_nav::goals::GoalSet;
 use qv_nav::map::MapSettings;
 use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
 use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::{Row, compared};
 use qv_nav::task::{End, Episode, PERIOD, Trial};
+use qv_nav::teacher::World;
+use qv_nav::weights::GoalInput;
 use std::fs;
 use std::path::{Path, PathBuf};
-use weights_file::{fingerprint, weights_at};
+use weights_file::{fingerprint, network_at};
 
 pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
@@ -88,6 +93,17 @@ struct Test {
     #[command(flatten)]
     task: Task,
     #[command(flatten)]
+    many: many::Many,
+    /// Test goals of a shape and of colours that no training draws
+    #[arg(long, help_heading = "What to test")]
+    unseen_goals: bool,
+    /// Test in the drawn places of the training instead of in others
+    #[arg(long, help_heading = "What to test")]
+    training_places: bool,
+    /// Ask about N pictures without a goal
+    #[arg(long, default_value_t = 400, value_parser = episodes, value_name = "N", help_heading = "What to test")]
+    pictures: usize,
+    #[command(flatten)]
     legs: LegsArguments,
     /// Run N episodes
     #[arg(long, default_value_t = 200, value_parser = episodes, value_name = "N", help_heading = "What to test")]
@@ -100,6 +116,14 @@ struct Test {
     json: bool,
     #[command(flatten)]
     card: CardArguments,
+}
+
+/// A place for a network that is commanded in some way: cones of three colours, by their names or by their colours.
+fn commanded(world: World, input: GoalInput) -> World {
+    match input {
+        GoalInput::Name => world,
+        GoalInput::Colour => world.among_many(GoalSet::coloured()),
+    }
 }
 
 /// Episodes of a test, from the command line.
@@ -120,14 +144,19 @@ impl Navigate {
 
 impl Test {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let read = self.task.place.files().into_iter().chain(self.legs.files()).chain([&self.weights]);
+        let files = self.task.place.files().into_iter().chain(self.legs.files()).chain(self.many.files());
+        let read = files.chain([&self.weights]);
         refuse_inputs(&self.out, read)?;
         let folder = self.out.parent().filter(|folder| !folder.as_os_str().is_empty());
         // Now, and not when all has been driven.
         folder.map_or(Ok(()), |folder| fs::create_dir_all(folder).map_err(|e| about(folder, e)))?;
+        if self.many.is_asked() {
+            return self.examine();
+        }
         let net = Net::default();
-        let parameters = weights_at(&self.weights, &net)?;
+        let (parameters, input) = network_at(&self.weights, &net)?;
         let (world, eye, camera) = self.task.open(&Paints { count: 1, ..Paints::default() })?;
+        let world = commanded(world, input);
         let eye = self.card.eye(eye)?;
         let stage = Stage::new(&world, &*eye, camera);
         let stable = self.legs.open(&self.task.place)?;

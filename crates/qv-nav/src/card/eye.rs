@@ -1,7 +1,7 @@
 //! The eye of [`SplatEye`] on a graphics card: all robots' pictures of a moment in one batch.
 
 use crate::NavError;
-use crate::eye::{Eye, FINER, Shot, SplatEye, finer};
+use crate::eye::{Eye, FINER, Looks, Shot, SplatEye, finer};
 use crate::net::{HEIGHT, WIDTH};
 use qv_core::{GaussianCloud, Pose};
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings};
@@ -16,6 +16,7 @@ pub struct GpuEye {
     group_of: Vec<u32>,
     /// Groups of cones, which come first.
     cones: usize,
+    looks: Looks,
     paints: usize,
     settings: Settings,
     card: Mutex<Card>,
@@ -48,7 +49,7 @@ impl GpuEye {
         let means = Means::new(&gpu)?;
         let card = Mutex::new(Card { rasteriser: GpuRasteriser::new(gpu), cloud: copy, means });
         let paints = clouds.len();
-        Ok(Self { cloud, group_of, cones, paints, settings: eye.settings(), card })
+        Ok(Self { cloud, group_of, cones, looks: eye.looks(), paints, settings: eye.settings(), card })
     }
 
     /// Gaussians on the card: those of all paints and of the cones.
@@ -64,7 +65,7 @@ impl GpuEye {
 
     /// Poses of the cones and of the paints, by group.
     fn groups(&self, shot: &Shot) -> Vec<Option<Pose>> {
-        let mut groups = SplatEye::groups(&shot.cones);
+        let mut groups = self.looks.groups(&shot.cones);
         groups.resize(self.cones + self.paints, None);
         groups[self.cones + SplatEye::paint_of(shot, self.paints)] = Some(Pose::IDENTITY);
         groups

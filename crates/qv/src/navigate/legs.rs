@@ -65,6 +65,11 @@ impl LegsArguments {
         self.walk.iter().chain(&self.params)
     }
 
+    /// Whether a robot walks.
+    pub(super) fn is_walking(&self) -> bool {
+        self.walk.is_some()
+    }
+
     /// Reads what was named. Nothing walks yet.
     pub(super) fn open(&self, place: &Place) -> Result<Stable, Failure> {
         let Some(path) = &self.walk else { return Ok(Stable(None)) };
@@ -74,7 +79,7 @@ impl LegsArguments {
         let (_, file) = policy_of(path)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, path)?;
         let start = checkpoint_of(path, &robot)?;
-        let ground = of_mesh(&place.mesh.to_string_lossy(), &[], ROOM, place.seed)?;
+        let ground = of_mesh(&place.mesh()?.to_string_lossy(), &[], ROOM, place.seed)?;
         let correction = match &self.params {
             None => Compensation::nominal(&robot),
             Some(file) => correction(file, &robot, &ground)?,

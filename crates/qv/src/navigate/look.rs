@@ -2,7 +2,7 @@
 
 use super::page::png_in_base64;
 use super::place::Place;
-use super::weights_file::weights_at;
+use super::weights_file::network_at;
 use crate::capture::open_capture;
 use crate::numbers::positive;
 use crate::outcome::about;
@@ -16,7 +16,8 @@ use qv_core::{Camera, Pose, statistics};
 use qv_mesh::similarity::Similarity;
 use qv_nav::eye::Paints;
 use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
-use qv_nav::photographs::{Agreement, Pair, Photograph, PictureScores, agreement, pairs};
+use qv_nav::photographs::{Agreement, Pair, Photograph, PictureScores, Question, agreement, pairs, questions};
+use qv_nav::score::Share;
 use qv_page::parts::{card, grid, titled_card, track_with_interval};
 use qv_page::{Page, Table, fixed, percent};
 use qv_splat::captures::Capture;
@@ -72,11 +73,12 @@ struct PictureReport {
 impl Look {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let others = [&self.cameras, &self.moved, &self.place.mount].into_iter().flatten();
-        let inputs = [&self.weights, &self.place.scene, &self.place.mesh, &self.capture];
+        let inputs = [&self.weights, self.place.scene()?, self.place.mesh()?, &self.capture];
         refuse_inputs(&self.out, others.chain(inputs))?;
         let (world, eye) = self.place.seen(self.place.rig()?, &Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
-        let parameters = weights_at(&self.weights, &net)?;
+        let (parameters, input) = network_at(&self.weights, &net)?;
+        let world = super::commanded(world, input);
         let (photographs, lost) = self.photographs()?;
         let mut looked = PictureReport { pairs: vec![], photographs: 0, heights: vec![] };
         let (mut narrow, mut high) = (0, 0);
@@ -113,10 +115,11 @@ impl Look {
         }
         looked.heights.sort_by(f64::total_cmp);
         let result = agreement(&world, &net, &parameters, &looked.pairs);
-        write_whole(&self.out, to_html(&result, &looked)?.as_bytes())?;
+        let questions = questions(&world, &net, &parameters, &looked.pairs);
+        write_whole(&self.out, to_html(&result, &looked, &questions)?.as_bytes())?;
         if self.json {
             let line = json!({"format": "qv-navigate-look/1", "photographs": looked.photographs, "heights_m": looked.heights,
-                "agreement": result, "out": self.out, "lost": lost});
+                "agreement": result, "pictures": questions, "out": self.out, "lost": lost});
             say(&format!("{line}\n"))?;
         } else {
             say(&summary(&result, &looked))?;
@@ -208,6 +211,12 @@ fn distance(found: &PictureScores) -> String {
     or_dash(found.distance, |off| percent(off.exp_m1()))
 }
 
+/// Such as `3 of 150, 2 % (1 % to 6 %)`.
+fn of_questions(found: &PictureScores, result: &Agreement) -> String {
+    let Share { hits, n, share, interval: [low, high] } = Share::of(found.imagined, result.questions);
+    format!("{hits} of {n}, {} ({} to {})", percent(share), percent(low), percent(high))
+}
+
 fn heights(looked: &PictureReport) -> String {
     let mut all = looked.heights.clone();
     let (low, high) = (all[0], all[all.len() - 1]);
@@ -225,11 +234,11 @@ fn summary(result: &Agreement, looked: &PictureReport) -> String {
     for (name, found) in rows(result) {
         let [low, high] = found.interval.map(|x| 100.0 * x);
         text += &format!(
-            "{name:13} cone found {:.1} % ({low:.1} to {high:.1}), bearing off {}, distance off {}, imagined {} times\n",
+            "{name:13} cone found {:.1} % ({low:.1} to {high:.1}), bearing off {}, distance off {}, false goals {}\n",
             100.0 * found.share,
             bearing(found),
             distance(found),
-            found.imagined
+            of_questions(found, result)
         );
     }
     text + &format!("McNemar's exact test of what is found, captured against drawn: p = {:.4}\n", result.p)
@@ -237,7 +246,21 @@ fn summary(result: &Agreement, looked: &PictureReport) -> String {
 
 const STYLE: &str = ".pair{width:100%;image-rendering:pixelated;border-radius:6px}";
 
-fn to_html(result: &Agreement, looked: &PictureReport) -> Result<String, Failure> {
+/// What was said of the pictures of a pair.
+fn said(questions: &[Question], pair: usize) -> String {
+    let one = |q: &Question| {
+        let answer = |a: &qv_nav::photographs::PictureAnswer| match a.sure > 0.5 {
+            true => format!("seen at {}°, {} m", fixed(a.bearing_rad.to_degrees(), 0), fixed(a.distance_m, 1)),
+            false => "not seen".into(),
+        };
+        let (left, right) = (answer(&q.photographed), answer(&q.drawn));
+        format!("{}: {left} ({}) | {right} ({})", q.colour, percent(q.photographed.sure), percent(q.drawn.sure))
+    };
+    let lines: Vec<String> = questions.iter().filter(|q| q.pair == pair).map(one).collect();
+    format!("<p class=\"soft\">{}</p>", lines.join("<br>"))
+}
+
+fn to_html(result: &Agreement, looked: &PictureReport, questions: &[Question]) -> Result<String, Failure> {
     let heads =
         ["picture", "cone found", "", "95 % interval", "bearing off", "distance off", "found where there is none"];
     let mut table = Table::with_left(&heads, &[2]);
@@ -249,7 +272,7 @@ fn to_html(result: &Agreement, looked: &PictureReport) -> Result<String, Failure
             format!("{} to {}", percent(found.interval[0]), percent(found.interval[1])),
             bearing(found),
             distance(found),
-            format!("{} of {}", found.imagined, result.questions),
+            of_questions(found, result),
         ]);
     }
     let answer = match result.p {
@@ -281,7 +304,7 @@ fn to_html(result: &Agreement, looked: &PictureReport) -> Result<String, Failure
         let png = png_in_base64(&rgb, [2 * COLUMNS, ROWS])?;
         cards += &titled_card(
             &title,
-            &format!("<img class=\"pair\" alt=\"captured and drawn\" src=\"data:image/png;base64,{png}\">"),
+            &format!("<img class=\"pair\" alt=\"captured and drawn\" src=\"data:image/png;base64,{png}\">{}", said(questions, k)),
         );
     }
     let body = format!(

@@ -23,15 +23,18 @@ const REACH: f64 = 5.0;
 /// Height of the base over the ground \[m\]; most four-legged robots of this size have about that.
 pub(super) const HEIGHT: f64 = 0.3;
 
+/// What is missing where no place is named.
+const MISSING: &str = "expected FILE, found none: --scene and --terrain name a place, and --places N of train and test draws some";
+
 /// The place.
 #[derive(clap::Args)]
 pub(super) struct Place {
     /// Read the Gaussian scene (PLY, SPZ, GLB, ...)
     #[arg(long, value_name = "FILE", help_heading = "Input")]
-    pub(super) scene: PathBuf,
+    pub(super) scene: Option<PathBuf>,
     /// Set the terrain: the labelled mesh of the same scene
     #[arg(long = "terrain", value_name = "FILE.glb", alias = "mesh", help_heading = "Input")]
-    pub(super) mesh: PathBuf,
+    pub(super) mesh: Option<PathBuf>,
     /// Assume this floor height where the mesh has no floor
     #[arg(long, value_name = "METRES", allow_hyphen_values = true, value_parser = finite, help_heading = "Advanced", hide_short_help = true)]
     pub(super) floor: Option<f64>,
@@ -120,8 +123,17 @@ fn lengths(text: &str) -> Result<Lengths, String> {
     }
 }
 
+/// Where a robot can go on the mesh of a file.
+pub(super) fn map_at(mesh: &Path, floor: Option<f64>) -> Result<Map, Failure> {
+    let read = mesh_at(mesh, "a labelled mesh in GLB")?;
+    Map::new(&read, &MapSettings { floor, ..Default::default() }).map_err(|e| {
+        let hint = "--floor METRES sets the height of a floor that the mesh lacks";
+        about(mesh, if floor.is_none() { format!("{e}; {hint}") } else { e.to_string() })
+    })
+}
+
 /// A height of the floor, from the command line \[m\].
-fn finite(text: &str) -> Result<f64, String> {
+pub(super) fn finite(text: &str) -> Result<f64, String> {
     let found = text.trim().parse::<f64>().ok().filter(|h| h.abs() < 1e4);
     found.ok_or_else(|| format!("expected a height in metres, of less than 10 km, found `{text}`"))
 }
@@ -147,9 +159,10 @@ impl Task {
     pub(super) fn open(&self, paints: &Paints) -> Result<(World, SplatEye, LensSpread), Failure> {
         let (spread, rig) = camera(&self.camera, &self.place.rig()?)?;
         let (world, eye) = self.place.seen(rig, paints)?;
+        let mesh = self.place.mesh()?;
         self.episodes().draw(&world, self.starts.len(), self.place.seed).map_err(|e| {
             about(
-                &self.place.mesh,
+                mesh,
                 format!("{e}; --starts and --distance say which episodes there are, such as --starts view,turned"),
             )
         })?;
@@ -176,19 +189,32 @@ impl Place {
 
     /// The files that are read.
     pub(super) fn files(&self) -> Vec<&PathBuf> {
-        [&self.scene, &self.mesh].into_iter().chain(&self.mount).collect()
+        self.scene.iter().chain(&self.mesh).chain(&self.mount).collect()
     }
 
     /// The place, whether or not an episode can be drawn in it.
     pub(super) fn seen(&self, rig: Rig, paints: &Paints) -> Result<(World, SplatEye), Failure> {
-        let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
-        let map = Map::new(&mesh, &MapSettings { floor: self.floor, ..Default::default() })
-            .map_err(|e| about(&self.mesh, e))?;
-        let eye = self.eye(&self.scene, &map, paints)?;
+        let map = map_at(self.mesh()?, self.floor)?;
+        let eye = self.eye(self.scene()?, &map, paints)?;
+        Ok((World::with(map, rig, Limits::default(), self.teacher(&rig)), eye))
+    }
+
+    /// How the expert drives with such a camera.
+    pub(super) fn teacher(&self, rig: &Rig) -> TeacherSettings {
         let usual = TeacherSettings::default();
         // A camera on a mast looks over what hides a cone from a dog.
         let over = if self.mount.is_some() { HEIGHT + rig.place[2] } else { usual.eye };
-        Ok((World::with(map, rig, Limits::default(), TeacherSettings { eye: over, ..usual }), eye))
+        TeacherSettings { eye: over, ..usual }
+    }
+
+    /// The scene that was named.
+    pub(super) fn scene(&self) -> Result<&PathBuf, Failure> {
+        self.scene.as_ref().ok_or_else(|| MISSING.replace("FILE", "--scene FILE").into())
+    }
+
+    /// The mesh that was named.
+    pub(super) fn mesh(&self) -> Result<&PathBuf, Failure> {
+        self.mesh.as_ref().ok_or_else(|| MISSING.replace("FILE", "--terrain FILE.glb").into())
     }
 
     /// A scene of the place as it is drawn.

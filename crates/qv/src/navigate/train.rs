@@ -2,8 +2,9 @@
 
 use super::card::CardArguments;
 use super::legs::LegsArguments;
+use super::many::{Many, TRAINED};
 use super::place::Task;
-use super::weights_file::weights_at;
+use super::weights_file::network_at;
 use crate::outcome::about;
 use crate::output::{self, make_folder, write_whole};
 use crate::progress::Stages;
@@ -11,20 +12,31 @@ use crate::terminal::print_message;
 use crate::{Failure, Outcome, say};
 use qv_nav::dagger::{Progress, TrainSettings};
 use qv_nav::eye::{Eye, Paints, Several, Shot};
+use qv_nav::goals::GoalKind;
 use qv_nav::legs::Legs;
+use qv_nav::lens::LensSpread;
 use qv_nav::net::Net;
+use qv_nav::places::{ManySites, SiteSettings, Sites, Trained, Visit};
 use qv_nav::roll::Stage;
+use qv_nav::task::Limits;
+use qv_nav::weights::GoalInput;
 use qv_nav::{NavError, onnx, weights};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::fs;
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Weights of a training that has not ended. The files of one that has stay until another one has.
 const UNFINISHED: &str = "unfinished.bin";
 /// What belongs to those weights, see [`State`].
 const STATE: &str = "unfinished.json";
+
+/// The places of those weights.
+const UNFINISHED_PLACES: &str = "unfinished_places.json";
+/// Share of the episodes of a training in many places in which the goal is not there.
+const ABSENT: f32 = 0.25;
 
 /// Where a training stands beside its weights.
 #[derive(Serialize, Deserialize)]
@@ -39,6 +51,8 @@ struct State {
 pub struct Train {
     #[command(flatten)]
     task: Task,
+    #[command(flatten)]
+    many: Many,
     #[command(flatten)]
     legs: LegsArguments,
     /// Add scenes of the same place in the same frame
@@ -63,9 +77,9 @@ pub struct Train {
     /// Collect N decisions per round
     #[arg(long, default_value_t = TrainSettings::default().frames, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     frames: usize,
-    /// Simulate N robots at once
-    #[arg(long, default_value_t = TrainSettings::default().robots, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
-    robots: usize,
+    /// Simulate N robots at once [default: 192; with --places 24 a place]
+    #[arg(long, value_parser = robots, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
+    robots: Option<usize>,
     /// Train N epochs per round (twice as many with PPO)
     #[arg(long, default_value_t = TrainSettings::default().epochs, value_name = "N", help_heading = "Advanced", hide_short_help = true)]
     epochs: usize,
@@ -82,6 +96,11 @@ pub struct Train {
     card: CardArguments,
 }
 
+/// Robots at once, from the command line.
+fn robots(text: &str) -> Result<usize, String> {
+    crate::numbers::count(text, 1, 100_000)
+}
+
 /// Rounds of a training, from the command line.
 fn count(text: &str) -> Result<usize, String> {
     crate::numbers::count(text, 0, 1_000_000)
@@ -95,8 +114,70 @@ impl Train {
         let kept = if self.resume { Some(self.kept()?) } else { None };
         let start = match &kept {
             Some((weights, _)) => Some(weights.clone()),
-            None => self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?,
+            None => self.from.as_ref().map(|file| network_at(file, &Net::default())).transpose()?.map(|(w, _)| w),
         };
+        let metrics = kept.map_or(vec![], |(_, metrics)| metrics);
+        match self.many.is_asked() {
+            true => self.in_many_places(start, metrics),
+            false => self.in_one_place(start, metrics),
+        }
+    }
+
+    /// Learning in drawn places, and in scenes beside them.
+    fn in_many_places(&self, start: Option<Vec<f32>>, metrics: Vec<Progress>) -> Result<Outcome, Failure> {
+        let others = [
+            ("--scene", self.task.place.scene.is_some()),
+            ("--also", !self.also.is_empty()),
+            ("--walk", self.legs.is_walking()),
+            ("--ppo-rounds", self.trials > 0),
+        ];
+        if let Some((option, _)) = others.iter().find(|(_, is_there)| *is_there) {
+            return Err(format!("{option}: expected none with --places and --with-scene, which name the places").into());
+        }
+        let place = &self.task.place;
+        let given = self.many.scenes(place, Some(GoalKind::Trained), &Paints::default())?;
+        let stop = crate::stop::asked();
+        make_folder(&self.out).map_err(|e| about(&self.out, e))?;
+        let count = self.many.places.unwrap_or(0);
+        let visited = match self.resume {
+            true => trained_at(&self.out.join(UNFINISHED_PLACES))?.visited(),
+            false => BTreeSet::new(),
+        };
+        let sites = ManySites {
+            settings: SiteSettings { rig: place.rig()?, ..SiteSettings::default() },
+            seed: place.seed,
+            count,
+            // As often as a quarter of the drawn places, or always where there are none.
+            share_given: if count == 0 { 1.0 } else { 0.25 },
+            given,
+            spread: if self.task.camera == "none" { LensSpread::none() } else { LensSpread::of_many_places() },
+            robots: self.driven(TrainSettings::of_many_places()).robots,
+            absent: ABSENT,
+            visited: Mutex::new(visited),
+        };
+        let stoppable = StoppableSites { sites: &sites, stop: stop.clone() };
+        let mut work = Work {
+            train: self,
+            ground: TrainingGround::Many(&stoppable),
+            stages: Stages::new(),
+            metrics,
+            stop,
+        };
+        let settings = self.taught(TrainSettings::of_many_places());
+        let mut parameters = start;
+        if work.metrics.len() < settings.rounds && !work.is_stopped() {
+            parameters = Some(work.learn(&settings, parameters, 0)?);
+        }
+        let metrics = work.finish();
+        let trained = sites.trained();
+        // Nobody knows where it is among many places: sides of a place are those of none.
+        let written = Written { parameters: parameters.unwrap_or_default(), limits: Limits::default(), half_sides: [4.0; 2] };
+        write_whole(&self.out.join(TRAINED), &serde_json::to_vec(&trained)?)?;
+        self.write(&written, &metrics)
+    }
+
+    /// Learning in one place.
+    fn in_one_place(&self, start: Option<Vec<f32>>, metrics: Vec<Progress>) -> Result<Outcome, Failure> {
         // Now, and not once the first scene was opened and painted.
         let missing = self.also.iter().find(|scene| !scene.exists());
         missing.map_or(Ok(()), |scene| Err(about(scene, "expected a scene of Gaussians, found no such file")))?;
@@ -110,24 +191,32 @@ impl Train {
         let stable = self.legs.open(&self.task.place)?;
         make_folder(&self.out).map_err(|e| about(&self.out, e))?;
         let eye = StoppableEye { eye: Several(eyes), stop: stop.clone() };
+        let legs = stable.legs(&world, self.driven(TrainSettings::default()).robots)?;
         let mut work = Work {
             train: self,
-            stage: Stage::new(&world, &eye, camera),
-            legs: stable.legs(&world, self.robots)?,
+            ground: TrainingGround::One { stage: Stage::new(&world, &eye, camera), legs },
             stages: Stages::new(),
-            metrics: kept.map_or(vec![], |(_, metrics)| metrics),
+            metrics,
             stop,
         };
         let mut parameters = start;
         let mut first = 0;
-        for settings in [self.taught(), self.tried()].into_iter().filter(|settings| settings.rounds > 0) {
+        for settings in [self.taught(TrainSettings::default()), self.tried()] {
             let end = first + settings.rounds;
-            if work.metrics.len() < end && !work.is_stopped() {
+            if settings.rounds > 0 && work.metrics.len() < end && !work.is_stopped() {
                 parameters = Some(work.learn(&settings, parameters, first)?);
             }
             first = end;
         }
-        let (metrics, parameters) = (work.finish(), parameters.unwrap_or_default());
+        let metrics = work.finish();
+        let [low, high] = world.map.bounds();
+        let half_sides = (0.5 * (high - low)).to_array();
+        self.write(&Written { parameters: parameters.unwrap_or_default(), limits: world.limits, half_sides }, &metrics)
+    }
+
+    /// The results.
+    fn write(&self, written: &Written, metrics: &[Progress]) -> Result<Outcome, Failure> {
+        let Written { parameters, limits, half_sides } = written;
         let (rounds, all) = (metrics.len(), self.rounds + self.trials);
         if rounds == 0 && all > 0 {
             print_message!("stopped in the first of {all} rounds; nothing was written");
@@ -139,19 +228,17 @@ impl Train {
             print_message!("{}", self.how_to_go_on(rounds));
             return Ok(Outcome::Stopped);
         }
-        let [low, high] = world.map.bounds();
-        let half_sides = (0.5 * (high - low)).to_array();
-        let file = onnx::to_bytes(&Net::default(), &parameters, &world.limits, half_sides)?;
+        let file = onnx::to_bytes_for(&Net::default(), parameters, limits, *half_sides, self.input())?;
         write_whole(&self.out.join("policy.onnx"), &file)?;
-        write_whole(&self.out.join("weights.bin"), &weights::to_bytes(&parameters))?;
+        write_whole(&self.out.join("weights.bin"), &self.file_of(parameters))?;
         if all > 0 {
-            write_whole(&self.out.join("metrics.json"), &serde_json::to_vec_pretty(&metrics)?)?;
+            write_whole(&self.out.join("metrics.json"), &serde_json::to_vec_pretty(metrics)?)?;
         }
         if is_stopped {
             print_message!("{}", self.how_to_go_on(rounds));
             return Ok(Outcome::Stopped);
         }
-        [UNFINISHED, STATE].iter().for_each(|name| output::remove(&self.out.join(name)));
+        [UNFINISHED, STATE, UNFINISHED_PLACES].iter().for_each(|name| output::remove(&self.out.join(name)));
         let decisions = metrics.last().map_or(0, |result| result.frames);
         if self.json {
             let line = serde_json::json!({
@@ -162,6 +249,16 @@ impl Train {
         }
         say(&format!("{decisions} decisions in {rounds} rounds; written to {}\n", self.out.display()))?;
         Ok(Outcome::Done)
+    }
+
+    /// How the network is commanded.
+    fn input(&self) -> GoalInput {
+        if self.many.is_asked() { GoalInput::Colour } else { GoalInput::Name }
+    }
+
+    /// The file of a network's numbers.
+    fn file_of(&self, parameters: &[f32]) -> Vec<u8> {
+        weights::to_bytes_for(parameters, self.input())
     }
 
     /// What to type after so many rounds.
@@ -180,7 +277,8 @@ impl Train {
             ("--rounds", self.rounds as u64),
             ("--trials", self.trials as u64),
             ("--frames", self.frames as u64),
-            ("--robots", self.robots as u64),
+            ("--robots", self.robots.unwrap_or(0) as u64),
+            ("--places", self.many.places.unwrap_or(0)),
             ("--epochs", self.epochs as u64),
             ("--batch", self.batch as u64),
             ("--seed", self.task.place.seed),
@@ -201,12 +299,11 @@ impl Train {
             let expected = format!("--resume: expected {option} {begun}, with which it was begun");
             return Err(about(&path, format!("{expected}, found {value}")));
         }
-        Ok((weights_at(&self.out.join(UNFINISHED), &Net::default())?, state.metrics))
+        Ok((network_at(&self.out.join(UNFINISHED), &Net::default())?.0, state.metrics))
     }
 
     /// Learning from the teacher.
-    fn taught(&self) -> TrainSettings {
-        let usual = TrainSettings::default();
+    fn taught(&self, usual: TrainSettings) -> TrainSettings {
         TrainSettings {
             rounds: self.rounds,
             epochs: self.epochs,
@@ -223,7 +320,8 @@ impl Train {
     }
 
     fn driven(&self, usual: TrainSettings) -> TrainSettings {
-        TrainSettings { frames: self.frames, robots: self.robots, seed: self.task.place.seed, ..usual }
+        let robots = self.robots.unwrap_or(usual.robots);
+        TrainSettings { frames: self.frames, robots, seed: self.task.place.seed, ..usual }
     }
 }
 
@@ -242,11 +340,44 @@ impl Eye for StoppableEye {
     }
 }
 
+/// The same for places.
+struct StoppableSites<'a> {
+    sites: &'a ManySites,
+    stop: Arc<AtomicBool>,
+}
+
+impl Sites for StoppableSites<'_> {
+    fn visit(&self, number: u64, visit: &mut Visit) -> Result<(), NavError> {
+        match self.stop.load(Ordering::Relaxed) {
+            true => Err(NavError::value("place", "one before the stop", "one after it")),
+            false => self.sites.visit(number, visit),
+        }
+    }
+}
+
+/// What a training leaves.
+struct Written {
+    parameters: Vec<f32>,
+    limits: Limits,
+    half_sides: [f64; 2],
+}
+
+/// Where a training takes place.
+enum TrainingGround<'a> {
+    One { stage: Stage<'a>, legs: Box<dyn Legs + 'a> },
+    Many(&'a StoppableSites<'a>),
+}
+
+/// The places of a training that was stopped.
+fn trained_at(path: &Path) -> Result<Trained, Failure> {
+    let bytes = fs::read(path).map_err(|e| about(path, format!("expected the places of a training, found {e}")))?;
+    serde_json::from_slice(&bytes).map_err(|e| about(path, e))
+}
+
 /// A training under way.
 struct Work<'a> {
     train: &'a Train,
-    stage: Stage<'a>,
-    legs: Box<dyn Legs + 'a>,
+    ground: TrainingGround<'a>,
     stages: Stages,
     metrics: Vec<Progress>,
     stop: Arc<AtomicBool>,
@@ -271,10 +402,14 @@ impl Work<'_> {
             }
             self.stages.begin(round + 1, all, name, Some(round as f64 / all as f64));
             let stages = &self.stages;
-            let learnt = student.round(&self.stage, &mut *self.legs, &episodes, &mut |p| {
+            let mut notify = |p: &Progress| {
                 let share = (first as f64 + p.share * settings.rounds as f64) / all as f64;
                 stages.at(share, &format!("{} decisions, loss {:.4}", gathered + p.frames, p.loss));
-            });
+            };
+            let learnt = match &mut self.ground {
+                TrainingGround::One { stage, legs } => student.round(stage, &mut **legs, &episodes, &mut notify),
+                TrainingGround::Many(sites) => student.round_over(*sites, &mut notify),
+            };
             // Driving ends with an error of the eye; a round that is learning comes to its end.
             let mut result = match learnt {
                 Err(_) if self.is_stopped() => break,
@@ -293,7 +428,10 @@ impl Work<'_> {
     fn save(&self, parameters: &[f32]) -> Result<(), Failure> {
         let out = &self.train.out;
         let state = State { begun_with: self.train.begun_with(), metrics: self.metrics.clone() };
-        write_whole(&out.join(UNFINISHED), &weights::to_bytes(parameters))?;
+        write_whole(&out.join(UNFINISHED), &self.train.file_of(parameters))?;
+        if let TrainingGround::Many(many) = &self.ground {
+            write_whole(&out.join(UNFINISHED_PLACES), &serde_json::to_vec(&many.sites.trained())?)?;
+        }
         write_whole(&out.join(STATE), &serde_json::to_vec_pretty(&state)?)?;
         output::commit().map_err(|e| about(out, e))
     }

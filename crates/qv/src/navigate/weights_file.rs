@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::outcome::about;
 use qv_nav::net::Net;
-use qv_nav::weights;
+use qv_nav::weights::{self, GoalInput};
 use sha2::{Digest, Sha256};
 use std::fs;
 use std::path::Path;
@@ -14,8 +14,8 @@ pub(super) fn fingerprint(parameters: &[f32]) -> String {
     hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The weights of a file, for the network.
-pub(super) fn weights_at(path: &Path, net: &Net) -> Result<Vec<f32>, Failure> {
+/// The weights of a file, for the network, and how it is commanded.
+pub(super) fn network_at(path: &Path, net: &Net) -> Result<(Vec<f32>, GoalInput), Failure> {
     let bytes = fs::read(path).map_err(|e| about(path, e))?;
-    weights::from_bytes(&bytes, net).map_err(|e| about(path, e))
+    weights::read(&bytes, net).map_err(|e| about(path, e))
 }
