@@ -26,18 +26,42 @@ NAMED = {
 }
 
 
-def goal_code(colour):
-    """Numbers by which a policy that takes any colour is commanded: a name of :data:`NAMED`, ``#rrggbb``, or three numbers 0 to 1."""
+#: The hue that a policy looks for that takes any colour [degrees].
+SOUGHT = 2.0
+
+
+def goal_turn(colour):
+    """How far hues are turned for a goal [degrees]: a name of :data:`NAMED`, ``#rrggbb``, or three numbers 0 to 1."""
     if isinstance(colour, str):
         digits = colour[1:] if colour.startswith("#") and len(colour) == 7 else None
         if colour not in NAMED and digits is None:
             raise ValueError(f"colour: expected {', '.join(NAMED)} or #rrggbb, found {colour}")
         colour = NAMED[colour] if colour in NAMED else [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
-    colour = np.asarray(colour, np.float32)
-    most = float(colour.max())
-    if most <= 0.0 or (most - float(colour.min())) / most < 0.35:
-        raise ValueError(f"colour: expected one with a hue, found {colour.tolist()}")
-    return 2.0 * colour / most - 1.0
+    r, g, b = (float(c) for c in colour)
+    most, least = max(r, g, b), min(r, g, b)
+    if most <= 0.0 or (most - least) / most < 0.35:
+        raise ValueError(f"colour: expected one with a hue, found {[r, g, b]}")
+    sector = (g - b if most == r else b - r if most == g else r - g) / (most - least)
+    return SOUGHT - (60.0 * (sector + (0.0 if most == r else 2.0 if most == g else 4.0))) % 360.0
+
+
+def turn_hues(frame, degrees):
+    """A picture, uint8 [..., 3], with its hues turned by an angle [degrees]; saturation and value stay."""
+    turn = np.float32(degrees / 60.0 % 6.0)
+    if turn == 0.0:
+        return frame
+    rgb = frame.astype(np.float32)
+    r, g, b = rgb[..., 0], rgb[..., 1], rgb[..., 2]
+    most, least = rgb.max(-1), rgb.min(-1)
+    spread = most - least
+    safe = np.where(spread > 0.0, spread, np.float32(1.0))
+    green = np.where(most == g, (b - r) / safe + np.float32(2.0), (r - g) / safe + np.float32(4.0))
+    sector = (np.where(most == r, (g - b) / safe, green) + turn) % np.float32(6.0)
+    offsets = np.array([0.0, 4.0, 2.0], np.float32)
+    off = np.clip(np.abs((sector[..., None] + offsets) % np.float32(6.0) - np.float32(3.0)) - np.float32(1.0), 0.0, 1.0)
+    turned = (least[..., None] + spread[..., None] * off + np.float32(0.5)).astype(np.uint8)
+    return np.where(spread[..., None] > 0.0, turned, frame)
+
 
 
 def _turn(angle, points):
@@ -175,7 +199,8 @@ class Navigator:
         metadata = self.session.get_modelmeta().custom_metadata_map
         self.recall = Recall([float(x) for x in metadata["half_sides"].split()])
         takes_any = metadata.get("goal") == "colour"
-        self.colour = goal_code(colour) if takes_any else np.eye(3, dtype=np.float32)[COLOURS.index(colour)]
+        self.turn = goal_turn(colour) if takes_any else 0.0
+        self.colour = np.eye(3, dtype=np.float32)[0 if takes_any else COLOURS.index(colour)]
         self.memory = np.zeros((1, 192), np.float32)
         self.last = np.zeros(3)
 
@@ -186,6 +211,7 @@ class Navigator:
         if frame.shape != (480, 640, 3):
             raise ValueError(f"frame: expected the shape (480, 640, 3), found {frame.shape}")
         self.recall.go(*odometry)
+        frame = turn_hues(frame, self.turn)
         state = np.concatenate([self.colour, np.asarray(gravity, np.float32)])[None]
         inputs = dict(frame=frame[None], state=state, recall=self.recall.features()[None], memory=self.memory)
         command, sight, self.memory = self.session.run(["command", "sight", "next_memory"], inputs)

@@ -5,8 +5,9 @@
 //! - `within`: a time \[s\], and the number of rounds is as many as fit;
 //! - `from`: the weights.bin of an earlier training to go on from; `out`: a directory for weights.bin and places.json, made if need be;
 //! - `exam`: places of the test, each with `episodes` and `pictures`; `exam_seed`: of them; `goals=unseen`: of a shape and colours that no training
-//!   draws; `role=training`: in the first places of the training.
+//!   draws; `goals=turned`: a network that knows goals by name is asked by turned hues; `role=training`: in the first places of the training.
 //!
+//! - `gpu=N` (feature `gpu`): learns on adapter `N`;
 //! - `show=FILE.ppm`: pictures of the first places of that role, a row for each, and nothing else.
 //!
 //! Without `rounds=0` it learns first. `qv navigate train --places` and `test --places` do the same without a time.
@@ -14,7 +15,7 @@
 use qv_nav::dagger::{Student, TrainSettings};
 use qv_nav::exam::{Exam, ExamRow, ExamSettings, PILOTS, Said, examine};
 use qv_nav::eye::{Eye, Shot};
-use qv_nav::goals::GoalKind;
+use qv_nav::goals::{GoalKind, turn_hues};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::standing;
 use qv_nav::net::{HEIGHT, WIDTH};
@@ -42,6 +43,8 @@ struct Options {
     goals: Option<GoalKind>,
     role: Role,
     show: Option<PathBuf>,
+    is_turned: bool,
+    gpu: Option<usize>,
 }
 
 impl Options {
@@ -61,6 +64,8 @@ impl Options {
             goals: Some(GoalKind::Trained),
             role: Role::Test,
             show: None,
+            is_turned: false,
+            gpu: None,
         };
         let mut is_examined_only = false;
         for argument in arguments {
@@ -76,6 +81,8 @@ impl Options {
                 ("pictures", _) => out.pictures = value.parse()?,
                 ("exam_seed", _) => out.exam_seed = value.parse()?,
                 ("goals", "unseen") => out.goals = Some(GoalKind::Unseen),
+                ("goals", "turned") => out.is_turned = true,
+                ("gpu", _) => out.gpu = Some(value.parse()?),
                 ("show", _) => out.show = Some(value.into()),
                 ("role", "training") => out.role = Role::Training,
                 ("rounds", "0") => is_examined_only = true,
@@ -98,13 +105,11 @@ fn main() -> Fallible<()> {
     let is_trained = options.settings.rounds > 0;
     let settings = TrainSettings { rounds: options.settings.rounds.max(1), ..options.settings.clone() };
     println!("{}", serde_json::to_string(&settings)?);
-    let mut student = Student::new(&settings)?;
+    let mut student = student(&settings, options.gpu)?;
     if let Some(from) = &options.from {
-        let (mut parameters, input) = weights::read(&std::fs::read(from)?, &student.net)?;
-        match input {
-            GoalInput::Name if is_trained => student.net.forget_goal(&mut parameters),
-            GoalInput::Name => options.goals = None,
-            GoalInput::Colour => {}
+        let (parameters, input) = weights::read(&std::fs::read(from)?, &student.net)?;
+        if input == GoalInput::Name && !is_trained && !options.is_turned {
+            options.goals = None;
         }
         student.start_from(parameters)?;
     }
@@ -115,6 +120,21 @@ fn main() -> Fallible<()> {
         exam(&student, &options)?;
     }
     Ok(())
+}
+
+/// A student, learning on the card that was asked for, if any.
+fn student(settings: &TrainSettings, gpu: Option<usize>) -> Fallible<Student> {
+    let student = Student::new(settings)?;
+    match gpu {
+        None => Ok(student),
+        #[cfg(feature = "gpu")]
+        Some(adapter) => {
+            let options = qv_nav::card::GpuOptions { adapter: Some(adapter), ..Default::default() };
+            Ok(student.on_card(qv_nav::card::Gpu::new(&options)?)?)
+        }
+        #[cfg(not(feature = "gpu"))]
+        Some(_) => Err("gpu: expected a build with the feature gpu, found one without".into()),
+    }
 }
 
 fn learn(student: &mut Student, options: &Options) -> Fallible<()> {
@@ -152,10 +172,7 @@ fn learn(student: &mut Student, options: &Options) -> Fallible<()> {
             // The last rounds say best how long one takes.
             student.end_after(round + ((within - in_all) / took).floor().max(0.0) as usize);
         }
-        std::fs::write(
-            options.out.join("weights.bin"),
-            weights::to_bytes_for(&student.parameters, GoalInput::Colour),
-        )?;
+        std::fs::write(options.out.join("weights.bin"), weights::to_bytes_for(&student.parameters, GoalInput::Colour))?;
         std::fs::write(options.out.join("places.json"), serde_json::to_vec(&sites.trained())?)?;
     }
     Ok(())
@@ -196,7 +213,9 @@ fn show_places(file: &Path, options: &Options) -> Fallible<()> {
             let base = standing(&site.world.map, episode.start.into(), episode.yaw, 0.3);
             let cones = std::iter::once(episode.goal).chain(episode.others.iter().copied()).collect();
             let drawn = eye.look(&[Shot { camera: lens.rig.camera(&base), cones, seed: episode.seed }])?;
-            pictures.push(lens.bytes(&drawn[0], [0.0; 3]));
+            let mut bytes = lens.bytes(&drawn[0], [0.0; 3]);
+            turn_hues(&mut bytes, site.world.goals.turn(episode.goal.colour));
+            pictures.push(bytes);
         }
         for row in 0..HEIGHT {
             pictures.iter().for_each(|p| bytes.extend(&p[row * 3 * WIDTH..][..3 * WIDTH]));

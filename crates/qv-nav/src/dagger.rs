@@ -152,11 +152,7 @@ impl Student {
     ///
     /// # Errors
     /// When a place cannot be drawn, and as [`Student::round`].
-    pub fn round_over(
-        &mut self,
-        sites: &dyn Sites,
-        notify: &mut dyn FnMut(&Progress),
-    ) -> Result<Progress, NavError> {
+    pub fn round_over(&mut self, sites: &dyn Sites, notify: &mut dyn FnMut(&Progress)) -> Result<Progress, NavError> {
         if self.settings.policy.is_some() {
             return Err(NavError::value("policy", "none: PPO learns in one place", "one"));
         }
@@ -198,7 +194,7 @@ impl Student {
     /// Drives batch after batch until enough is gathered.
     fn gather(
         &mut self,
-        batch: &mut dyn FnMut(&mut Self, u64) -> Result<Vec<EpisodeTrace>, NavError>,
+        batch: &mut Gather,
         notify: &mut dyn FnMut(&Progress),
     ) -> Result<(Progress, Vec<EpisodeTrace>), NavError> {
         let before = self.frames();
@@ -333,6 +329,9 @@ impl Student {
 
 /// Places that are driven in at once: so many, on any number of threads.
 pub const SITES: usize = 8;
+
+/// Drives the batch of a number.
+type Gather<'a> = dyn FnMut(&mut Student, u64) -> Result<Vec<EpisodeTrace>, NavError> + 'a;
 
 /// Who drives the episodes of a round.
 struct Driver<'a> {

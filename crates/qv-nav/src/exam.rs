@@ -3,6 +3,7 @@
 
 use crate::NavError;
 use crate::eye::{BlindEye, Eye, Shot};
+use crate::goals::turn_hues;
 use crate::legs::Follower;
 use crate::lens::LensSpread;
 use crate::map::standing;
@@ -147,8 +148,7 @@ fn ask(site: &Site, (net, parameters): (&Net, &[f32]), settings: &ExamSettings) 
     let episodes = site.episodes(0.0).draw(&site.world, settings.pictures, seed)?;
     let mut said = [Said::default(); 2];
     for with_goal in [true, false] {
-        let asked: Vec<&Episode> =
-            episodes.iter().filter(|e| !with_goal || e.stratum == Stratum::InView).collect();
+        let asked: Vec<&Episode> = episodes.iter().filter(|e| !with_goal || e.stratum == Stratum::InView).collect();
         let pictures = pictures(site, &asked, with_goal, &settings.spread)?;
         let answers: Vec<[bool; 2]> = asked
             .par_iter()
@@ -187,7 +187,12 @@ fn pictures(
     };
     let shots: Vec<Shot> = episodes.iter().zip(&lenses).map(shot).collect();
     let drawn = if shots.is_empty() { Vec::new() } else { site.eye.look(&shots)? };
-    Ok(drawn.iter().zip(lenses).map(|(picture, mut lens)| lens.bytes(picture, [0.0; 3])).collect())
+    let seen = drawn.iter().zip(lenses).zip(episodes).map(|((picture, mut lens), episode)| {
+        let mut bytes = lens.bytes(picture, [0.0; 3]);
+        turn_hues(&mut bytes, site.world.goals.turn(episode.goal.colour));
+        bytes
+    });
+    Ok(seen.collect())
 }
 
 /// Whether a network says that it sees the goal in a picture.

@@ -1,8 +1,8 @@
 //! What draws the pictures: the trait, and an eye that draws Gaussians.
 
 use crate::NavError;
-use crate::net::{HEIGHT, WIDTH};
 use crate::goals::Goal;
+use crate::net::{HEIGHT, WIDTH};
 pub use crate::sight::LINEAR;
 use crate::sight::{COLOURS, Cone};
 use glam::{DMat3, DQuat, DVec3};
@@ -284,7 +284,8 @@ impl Eye for SplatEye {
             if chosen.is_empty() {
                 continue;
             }
-            let environments: Vec<Vec<Option<Pose>>> = chosen.iter().map(|&s| self.looks.groups(&shots[s].cones)).collect();
+            let environments: Vec<Vec<Option<Pose>>> =
+                chosen.iter().map(|&s| self.looks.groups(&shots[s].cones)).collect();
             let scene = Scene { cloud, group_of: &self.group_of, environments: &environments };
             let view = |(environment, &s): (usize, &usize)| View { camera: finer(&shots[s].camera), environment };
             let views: Vec<View> = chosen.iter().enumerate().map(view).collect();

@@ -1,7 +1,6 @@
 //! Objects that can be goals: their shape and colour, and the numbers by which a network learns at run time which one is wanted.
 
 use crate::NavError;
-use crate::sight::{COLOURS, LINEAR};
 use crate::sizes::COLOUR;
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::GaussianCloud;
@@ -54,11 +53,6 @@ pub enum GoalKind {
 }
 
 impl Goal {
-    /// The numbers that command it, see [`code`].
-    pub fn code(&self) -> [f32; COLOUR] {
-        code(self.colour)
-    }
-
     /// One whose hue \[degrees\] is given.
     pub fn of_hue(kind: GoalKind, hue: f32, random: &mut Xoshiro256PlusPlus) -> Self {
         let mut draw = |low: f64, high: f64| f64::from(random.between(low as f32, high as f32));
@@ -167,59 +161,63 @@ impl Goal {
     }
 }
 
-/// Hues of the cones of [`COLOURS`] as they are seen \[degrees\].
+/// Hues of the cones of [`crate::sight::COLOURS`] as they are seen \[degrees\].
 const CONE_HUES: [f32; 3] = [2.0, 225.0, 47.0];
 
 /// The goals of a place as episodes, eyes and networks count them: by index.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GoalSet {
-    codes: Vec<[f32; COLOUR]>,
-    /// Hues \[degrees\].
+    /// Hues as commanded \[degrees\].
     hues: Vec<f32>,
-    /// Their shapes and drawn colours; none for cones of three named colours.
+    /// Whether a network is commanded by a name of [`crate::sight::COLOURS`] instead of by turned hues.
+    is_named: bool,
+    /// Their shapes and drawn colours; none for cones of three colours.
     goals: Vec<Goal>,
 }
 
 impl GoalSet {
     /// Cones of three colours ([`crate::sight::COLOURS`]), each commanded by its place in that list.
     pub fn named() -> Self {
-        let codes = (0..COLOURS.len()).map(|k| std::array::from_fn(|c| if c == k { 1.0 } else { 0.0 })).collect();
-        Self { codes, hues: CONE_HUES.to_vec(), goals: Vec::new() }
+        Self { hues: CONE_HUES.to_vec(), is_named: true, goals: Vec::new() }
     }
 
     /// The same cones, each commanded by its colour.
     pub fn coloured() -> Self {
-        let shown = |linear: [f64; 3]| linear.map(|c| c.powf(1.0 / 2.2) as f32);
-        Self { codes: LINEAR.iter().map(|linear| code(shown(*linear))).collect(), ..Self::named() }
+        Self { is_named: false, ..Self::named() }
     }
 
     /// Other objects, each commanded by its colour.
     pub fn of(goals: Vec<Goal>) -> Self {
-        let hues = goals.iter().map(|goal| hue(goal.colour)).collect();
-        Self { codes: goals.iter().map(Goal::code).collect(), hues, goals }
+        Self { hues: goals.iter().map(|goal| hue(goal.colour)).collect(), is_named: false, goals }
     }
 
     /// How many there are.
     pub fn len(&self) -> usize {
-        self.codes.len()
+        self.hues.len()
     }
 
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
-        self.codes.is_empty()
+        self.hues.is_empty()
     }
 
-    /// The numbers that command one; of the last one beyond the end.
+    /// The numbers that command one beside the picture; of the last one beyond the end. Where hues are turned, all are red.
     pub fn code(&self, index: usize) -> [f32; COLOUR] {
-        self.codes[index.min(self.codes.len() - 1)]
+        let at = if self.is_named { index.min(COLOUR - 1) } else { 0 };
+        std::array::from_fn(|k| if k == at { 1.0 } else { 0.0 })
     }
 
-    /// The hue of one \[degrees\]; of the last one beyond the end.
+    /// How far the hues of a picture are turned when one is wanted \[degrees\].
+    pub fn turn(&self, index: usize) -> f32 {
+        if self.is_named { 0.0 } else { SOUGHT - self.hues[index.min(self.hues.len() - 1)] }
+    }
+
+    /// The hue of one in the picture that a network sees \[degrees\].
     pub fn hue(&self, index: usize) -> f32 {
-        self.hues[index.min(self.hues.len() - 1)]
+        self.hues[index.min(self.hues.len() - 1)] + self.turn(index)
     }
 
-    /// The objects; none for cones of three named colours.
+    /// The objects; none for cones of three colours.
     pub fn goals(&self) -> &[Goal] {
         &self.goals
     }
@@ -231,18 +229,52 @@ impl GoalSet {
 
     /// Whether two look so different that one cannot be taken for the other.
     pub(crate) fn are_apart(&self, a: usize, b: usize) -> bool {
-        let (a, b) = (self.code(a), self.code(b));
-        a != b && (self.goals.is_empty() || a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>() > 0.5)
+        a != b && ((self.hues[a] - self.hues[b] + 180.0).rem_euclid(360.0) - 180.0).abs() > APART
     }
 }
+
+/// Hues of two goals that are asked for apart differ by more than this \[degrees\].
+const APART: f32 = 28.0;
 
 /// The first harmonic: 1 / (2 sqrt(pi)).
 const FIRST: f32 = 0.282_094_79;
 
-/// How a colour (red, green, blue as shown, 0 to 1) is commanded: shares of its greatest channel, -1 to 1. So how bright it is does not matter.
-pub fn code(colour: [f32; 3]) -> [f32; COLOUR] {
-    let most = colour.iter().copied().fold(1e-3, f32::max);
-    colour.map(|c| 2.0 * (c / most).clamp(0.0, 1.0) - 1.0)
+/// The hue that a network looks for \[degrees\]: that of the red cone. A goal of another hue is commanded by turning all hues of a picture so far
+/// that the goal's becomes this one ([`turn_hues`]); so a network that finds red goals finds those of all hues.
+pub const SOUGHT: f32 = 2.0;
+
+/// How far hues are to be turned for a goal of a colour \[degrees\].
+pub fn turn_of(colour: [f32; 3]) -> f32 {
+    SOUGHT - hue(colour)
+}
+
+/// Turns the hues of a picture (bytes red, green, blue) by an angle \[degrees\]; saturation and value stay.
+pub fn turn_hues(rgb: &mut [u8], degrees: f32) {
+    // In sixths of the circle.
+    let turn = (degrees / 60.0).rem_euclid(6.0);
+    if turn == 0.0 {
+        return;
+    }
+    for pixel in rgb.chunks_exact_mut(3) {
+        let [r, g, b] = [pixel[0], pixel[1], pixel[2]].map(f32::from);
+        let (most, least) = (r.max(g).max(b), r.min(g).min(b));
+        let spread = most - least;
+        if spread <= 0.0 {
+            continue;
+        }
+        let sector = if most == r {
+            (g - b) / spread
+        } else if most == g {
+            (b - r) / spread + 2.0
+        } else {
+            (r - g) / spread + 4.0
+        };
+        let sector = (sector + turn).rem_euclid(6.0);
+        for (byte, offset) in pixel.iter_mut().zip([0.0f32, 4.0, 2.0]) {
+            let off = (((sector + offset).rem_euclid(6.0) - 3.0).abs() - 1.0).clamp(0.0, 1.0);
+            *byte = (least + spread * off + 0.5) as u8;
+        }
+    }
 }
 
 /// Chroma of a colour as a share of its greatest channel (the saturation of HSV).
@@ -313,8 +345,7 @@ pub fn colour_of(word: &str) -> Result<[f32; 3], NavError> {
 /// When it has no pixels with a hue.
 pub fn colour_of_picture(rgb: &[u8]) -> Result<[f32; 3], NavError> {
     let pixels = rgb.chunks_exact(3).map(|p| [p[0], p[1], p[2]].map(|c| f32::from(c) / 255.0));
-    let vivid: Vec<[f32; 3]> =
-        pixels.filter(|&p| chroma(p) >= LEAST_CHROMA && p.iter().any(|c| *c > 0.2)).collect();
+    let vivid: Vec<[f32; 3]> = pixels.filter(|&p| chroma(p) >= LEAST_CHROMA && p.iter().any(|c| *c > 0.2)).collect();
     const BINS: usize = 24;
     let bin = |colour: &[f32; 3]| (hue(*colour) / 360.0 * BINS as f32) as usize % BINS;
     let mut counts = [0usize; BINS];
@@ -339,10 +370,17 @@ mod tests {
         for degrees in [0.0, 47.0, 130.0, 225.0, 300.0] {
             let colour = of_hsv(degrees, 0.8, 0.6);
             assert!((hue(colour) - degrees).abs() < 0.1 && (chroma(colour) - 0.8).abs() < 1e-5, "{degrees} {colour:?}");
-            let bright = colour.map(|c| 1.5 * c);
-            assert!(code(colour).iter().zip(code(bright)).all(|(a, b)| (a - b).abs() < 1e-5));
+            // The goal's hue becomes the one that is sought; grey stays grey.
+            let mut picture = colour.map(|c| (255.0 * c).round() as u8).to_vec();
+            picture.extend([77; 3]);
+            turn_hues(&mut picture, turn_of(colour));
+            let turned = [0, 1, 2].map(|k| f32::from(picture[k]) / 255.0);
+            assert!((hue(turned) - SOUGHT + 180.0).rem_euclid(360.0) - 180.0 < 1.0, "{degrees} {turned:?}");
+            assert!((chroma(turned) - 0.8).abs() < 0.01 && turned[0] > 0.59 && picture[3..] == [77; 3]);
         }
-        assert_eq!(code([0.5, 0.0, 0.25]), [1.0, -1.0, 0.0]);
+        let set = GoalSet::coloured();
+        assert!((0..3).all(|k| set.code(k) == [1.0, 0.0, 0.0] && (set.hue(k) - SOUGHT).abs() < 1e-3));
+        assert_eq!((GoalSet::named().turn(1), GoalSet::named().code(1)), (0.0, [0.0, 1.0, 0.0]));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! compares both.
 
 use crate::NavError;
-use crate::goals::{GoalSet, code, colour_of};
+use crate::goals::{GoalSet, colour_of, turn_hues, turn_of};
 use crate::net::{COLOUR, HEIGHT, HIDDEN, SIGHT, STATE, WIDTH};
 use crate::onnx::POOL;
 use crate::recall::{Planar, Recall};
@@ -24,6 +24,8 @@ pub struct Navigator {
     /// Distance of the head before the base \[m\].
     head: f64,
     goal: [f32; COLOUR],
+    /// How far the hues of frames are turned \[degrees\].
+    turn: f32,
     memory: Vec<f32>,
     last: [f64; 3],
 }
@@ -36,12 +38,12 @@ impl Navigator {
     /// When the file is no such policy, or the colour is none of them.
     pub fn new(policy: &[u8], colour: &str) -> Result<Self, NavError> {
         let model = OnnxModel::from_bytes(policy)?;
-        let goal = if model.metadata("goal") == Some("colour") {
-            code(colour_of(colour)?)
+        let (goal, turn) = if model.metadata("goal") == Some("colour") {
+            (GoalSet::coloured().code(0), turn_of(colour_of(colour)?))
         } else {
             let known = COLOURS.iter().position(|name| *name == colour);
             let at = known.ok_or_else(|| NavError::value("colour", &COLOURS.join(", "), colour))?;
-            GoalSet::named().code(at)
+            (GoalSet::named().code(at), 0.0)
         };
         let recall = Recall::new(half_sides(model.metadata("half_sides").unwrap_or_default())?);
         Ok(Self {
@@ -51,6 +53,7 @@ impl Navigator {
             limits: Limits::default(),
             head: Rig::default().head,
             goal,
+            turn,
             memory: vec![0.0; HIDDEN],
             last: [0.0; 3],
         })
@@ -74,8 +77,10 @@ impl Navigator {
         state[..COLOUR].copy_from_slice(&self.goal);
         state[COLOUR..].iter_mut().zip(gravity).for_each(|(to, x)| *to = x as f32);
         let recall = self.recall.features();
+        let mut frame = frame.to_vec();
+        turn_hues(&mut frame, self.turn);
         let inputs = [
-            ("frame", Numbers::Bytes(frame)),
+            ("frame", Numbers::Bytes(&frame)),
             ("state", Numbers::Floats(&state)),
             ("recall", Numbers::Floats(&recall)),
             ("memory", Numbers::Floats(&self.memory)),

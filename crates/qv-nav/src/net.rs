@@ -361,16 +361,6 @@ impl Net {
         self.convolutions.iter().map(|c| vec![0.0; c.pixels() * padded(c.to[2])]).collect()
     }
 
-    /// Makes the numbers ignore how the goal is commanded: for a network that goes on to learn another way of commanding.
-    pub fn forget_goal(&self, parameters: &mut [f32]) {
-        for tint in &self.tints {
-            parameters[tint.start..][..COLOUR * tint.channels].fill(0.0);
-        }
-        // The state comes after the features, the colour first.
-        let width = padded(self.dense.outputs);
-        parameters[self.dense.start + self.features() * width..][..COLOUR * width].fill(0.0);
-    }
-
     /// The weights as the way back reads them.
     pub fn turned(&self, parameters: &[f32]) -> TransposedWeights {
         let turn = |layer: &Dense| {

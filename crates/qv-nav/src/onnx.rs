@@ -32,7 +32,8 @@ pub fn to_bytes(net: &Net, parameters: &[f32], limits: &Limits, half_sides: [f64
     to_bytes_for(net, parameters, limits, half_sides, GoalInput::Name)
 }
 
-/// The same of a network that is commanded in some way; metadata `goal` is `colour` where `state` begins with [`crate::goals::code`].
+/// The same of a network that is commanded in some way; metadata `goal` is `colour` where hues of `frame` are to be
+/// turned ([`crate::goals::turn_hues`]), and `state` says red.
 ///
 /// # Errors
 /// When a number is not finite.

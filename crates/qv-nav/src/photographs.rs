@@ -5,6 +5,7 @@
 
 use crate::NavError;
 use crate::eye::{Eye, Shot, SplatEye};
+use crate::goals::turn_hues;
 use crate::net::{HEIGHT, HIDDEN, Net, NetInput, WIDTH};
 use crate::recall::RECALL;
 use crate::roll::{sight, state_of};
@@ -176,6 +177,13 @@ struct ConeAnswer {
     off: Option<(f64, f64)>,
 }
 
+/// A picture as a network sees it that is asked for a goal.
+fn turned(world: &World, picture: &[u8], colour: usize) -> Vec<f32> {
+    let mut bytes = picture.to_vec();
+    turn_hues(&mut bytes, world.goals.turn(colour));
+    bytes.into_iter().map(f32::from).collect()
+}
+
 /// What a network says of one picture when it is asked for one goal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PictureAnswer {
@@ -206,7 +214,7 @@ pub struct Question {
 pub fn questions(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -> Vec<Question> {
     let mut scratch = net.scratch();
     let mut ask = |pair: &Pair, picture: &[u8], colour: usize| {
-        let picture: Vec<f32> = picture.iter().map(|&b| f32::from(b)).collect();
+        let picture = turned(world, picture, colour);
         let state = state_of(world.goals.code(colour), &pair.base);
         let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
         let said = net.step(parameters, &sees, &mut [0.0; HIDDEN], &mut scratch).sight.map(f64::from);
@@ -231,7 +239,7 @@ pub fn questions(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
 pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -> Agreement {
     let mut scratch = net.scratch();
     let mut ask = |pair: &Pair, picture: &[u8], colour: usize| {
-        let picture: Vec<f32> = picture.iter().map(|&b| f32::from(b)).collect();
+        let picture = turned(world, picture, colour);
         let state = state_of(world.goals.code(colour), &pair.base);
         let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
         let said = net.step(parameters, &sees, &mut [0.0; HIDDEN], &mut scratch).sight.map(f64::from);

@@ -2,6 +2,7 @@
 
 use crate::NavError;
 use crate::eye::{Eye, Shot};
+use crate::goals::turn_hues;
 use crate::legs::{Legs, Motion, Start};
 use crate::lens::{Lens, LensSpread};
 use crate::net::{COLOUR, COMMAND, HEIGHT, KNOWN, RAYS, SIGHT, STATE, WIDTH};
@@ -20,15 +21,13 @@ use rayon::prelude::*;
 pub struct PilotInput<'a> {
     /// Which robot.
     pub env: usize,
-    /// Picture, `[HEIGHT][WIDTH][3]`.
+    /// Picture, `[HEIGHT][WIDTH][3]`, its hues turned for the goal ([`crate::goals::turn_hues`]).
     pub picture: &'a [u8],
     /// Numbers beside it.
     pub state: &'a [f32; STATE],
     /// What the robot recalls.
     pub recall: &'a [f32; RECALL],
-    /// The numbers that command the goal, see [`crate::goals::GoalSet::code`].
-    pub goal: [f32; COLOUR],
-    /// Hue of the goal \[degrees\].
+    /// Hue of the goal in the picture \[degrees\].
     pub hue: f32,
     /// What the teacher says: for the teacher alone.
     pub advice: &'a Advice,
@@ -269,7 +268,11 @@ impl<'a> Run<'a> {
             odometer: Odometer::new(&stage.drift, Planar::of(&motion.world_from_base), episode.seed),
             recall: Recall::new(0.5 * (high - low)),
             random: Xoshiro256PlusPlus::of(episode.seed, 89, 0),
-            cones: Some(episode.goal).filter(|_| !episode.is_absent).into_iter().chain(episode.others.iter().copied()).collect(),
+            cones: Some(episode.goal)
+                .filter(|_| !episode.is_absent)
+                .into_iter()
+                .chain(episode.others.iter().copied())
+                .collect(),
             last: [0.0; 3],
             motion,
             past: motion.world_from_base,
@@ -292,7 +295,8 @@ impl<'a> Run<'a> {
         let base = &self.motion.world_from_base;
         self.odometer.go(Planar::of(base), PERIOD);
         self.recall.go(self.odometer.pose);
-        let picture = self.lens.bytes(drawn, self.motion.gyro);
+        let mut picture = self.lens.bytes(drawn, self.motion.gyro);
+        turn_hues(&mut picture, self.world.goals.turn(self.episode.goal.colour));
         Glimpse { picture, state: state(self.world, self.episode, base), recall: self.recall.features() }
     }
 
@@ -302,7 +306,6 @@ impl<'a> Run<'a> {
             picture: &glimpse.picture,
             state: &glimpse.state,
             recall: &glimpse.recall,
-            goal: self.world.goals.code(self.episode.goal.colour),
             hue: self.world.goals.hue(self.episode.goal.colour),
             advice: &self.advice,
         }

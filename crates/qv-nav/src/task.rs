@@ -97,7 +97,14 @@ pub struct EpisodeSettings {
 
 impl Default for EpisodeSettings {
     fn default() -> Self {
-        Self { geodesic: [2.5, 7.0], room: 0.5, height: [0.45, 0.05], looks: 4, strata: Stratum::ALL.to_vec(), absent: 0.0 }
+        Self {
+            geodesic: [2.5, 7.0],
+            room: 0.5,
+            height: [0.45, 0.05],
+            looks: 4,
+            strata: Stratum::ALL.to_vec(),
+            absent: 0.0,
+        }
     }
 }
 

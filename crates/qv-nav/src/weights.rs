@@ -14,7 +14,7 @@ const MAGIC_COLOUR: &[u8] = b"quadverse navigation weights 1, goals by colour\n"
 pub enum GoalInput {
     /// By one of three names, see [`crate::sight::COLOURS`].
     Name,
-    /// By any colour, see [`crate::goals::code`].
+    /// By any colour: hues of its pictures are turned, see [`crate::goals::turn_hues`].
     Colour,
 }
 

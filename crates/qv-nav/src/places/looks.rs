@@ -79,9 +79,7 @@ pub fn draw(layout: &Layout, surface: &Surface, random: &mut Xoshiro256PlusPlus)
     let cloud = spoil(cloud, spacing, &mut draw);
     let background = match layout.is_room {
         true => [draw.between(0.2, 0.95) as f32; 3],
-        false => [(0.75, 0.82, 0.9), (0.55, 0.7, 0.95), (0.85, 0.85, 0.85), (0.3, 0.4, 0.25)]
-            [draw.0.below(4)]
-        .into(),
+        false => [(0.75, 0.82, 0.9), (0.55, 0.7, 0.95), (0.85, 0.85, 0.85), (0.3, 0.4, 0.25)][draw.0.below(4)].into(),
     };
     Looks { cloud, background }
 }
@@ -222,11 +220,8 @@ impl Light {
         } else {
             0.0
         };
-        let lamps: f64 = self
-            .lamps
-            .iter()
-            .map(|(place, radius)| 0.5 * (-(place.distance(point) / radius).powi(2)).exp())
-            .sum();
+        let lamps: f64 =
+            self.lamps.iter().map(|(place, radius)| 0.5 * (-(place.distance(point) / radius).powi(2)).exp()).sum();
         let side = 0.85 + 0.15 * normal.z;
         let corner = if normal.z < 0.9 { 1.0 - self.corners * (1.0 - (point.z / 0.3).min(1.0)) } else { 1.0 };
         std::array::from_fn(|c| {

@@ -142,7 +142,14 @@ impl Site {
             }
             let name = format!("{} {:016x}", if layout.is_room { "room" } else { "yard" }, layout.hash());
             let eye = eye.as_made(Some(looks.background), false);
-            let site = Self { name, world, eye: Box::new(crate::eye::BlindEye), hash: layout.hash(), strata, geodesic: LENGTHS[0] };
+            let site = Self {
+                name,
+                world,
+                eye: Box::new(crate::eye::BlindEye),
+                hash: layout.hash(),
+                strata,
+                geodesic: LENGTHS[0],
+            };
             return Ok((site, eye));
         }
         Err(NavError::value("place", "one of twenty draws with room to walk", format!("none for number {number}")))

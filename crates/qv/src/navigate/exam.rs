@@ -7,8 +7,8 @@ use crate::outcome::about;
 use crate::output::write_whole;
 use crate::progress::{Stages, remark};
 use crate::{Failure, Outcome, say};
-use qv_nav::eye::Paints;
 use qv_nav::exam::{Exam, ExamRow, ExamSettings, PILOTS, Said, examine};
+use qv_nav::eye::Paints;
 use qv_nav::goals::GoalKind;
 use qv_nav::lens::LensSpread;
 use qv_nav::net::Net;
@@ -59,7 +59,10 @@ impl Test {
         let (role, seed) = match (&trained, self.training_places) {
             (Some(trained), true) => (Role::Training, trained.seed),
             (None, true) => {
-                return Err(about(&self.weights, format!("--training-places: expected {TRAINED} beside it, found none")));
+                return Err(about(
+                    &self.weights,
+                    format!("--training-places: expected {TRAINED} beside it, found none"),
+                ));
             }
             _ => (Role::Test, self.task.place.seed),
         };
@@ -75,7 +78,9 @@ impl Test {
                 trained.check_unseen(&sites).map_err(|e| about(&self.weights, e))?;
             }
             Some(_) => {}
-            None => remark(&format!("no {TRAINED} beside the weights: not checked whether a place was one of the training")),
+            None => {
+                remark(&format!("no {TRAINED} beside the weights: not checked whether a place was one of the training"))
+            }
         }
         if sites.is_empty() {
             return Err("expected at least one place: --places or --with-scene".into());

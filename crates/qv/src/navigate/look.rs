@@ -304,7 +304,10 @@ fn to_html(result: &Agreement, looked: &PictureReport, questions: &[Question]) -
         let png = png_in_base64(&rgb, [2 * COLUMNS, ROWS])?;
         cards += &titled_card(
             &title,
-            &format!("<img class=\"pair\" alt=\"captured and drawn\" src=\"data:image/png;base64,{png}\">{}", said(questions, k)),
+            &format!(
+                "<img class=\"pair\" alt=\"captured and drawn\" src=\"data:image/png;base64,{png}\">{}",
+                said(questions, k)
+            ),
         );
     }
     let body = format!(

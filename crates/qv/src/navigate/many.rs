@@ -65,12 +65,7 @@ impl Many {
     }
 
     /// The scenes as places, with goals that are drawn; or with the cones of a network that knows goals by name.
-    pub(super) fn scenes(
-        &self,
-        place: &Place,
-        goals: Option<GoalKind>,
-        paints: &Paints,
-    ) -> Result<Vec<Site>, Failure> {
+    pub(super) fn scenes(&self, place: &Place, goals: Option<GoalKind>, paints: &Paints) -> Result<Vec<Site>, Failure> {
         self.with_scene.iter().map(|given| site(given, place, goals, paints)).collect()
     }
 }
@@ -94,7 +89,9 @@ fn site(given: &Given, place: &Place, goals: Option<GoalKind>, paints: &Paints) 
     let name = given.scene.display().to_string();
     let rig = place.rig()?;
     let site = Site::given((name, hash), map, (rig, place.teacher(&rig)), set, eye);
-    site.map_err(|e| about(&given.mesh, format!("{e}; a third part of --with-scene sets the height of a floor that it lacks")))
+    site.map_err(|e| {
+        about(&given.mesh, format!("{e}; a third part of --with-scene sets the height of a floor that it lacks"))
+    })
 }
 
 #[cfg(test)]

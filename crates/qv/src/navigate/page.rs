@@ -244,7 +244,8 @@ mod tests {
     fn a_page_has_the_table_ways_and_strips_and_escapes_names() {
         let goal = Cone { place: [1.0, 1.0, 0.0], height: 0.45, colour: 0, look: 0, turn: 0.0 };
         let (others, stratum) = (vec![Cone { colour: 1, ..goal }], Stratum::Hidden);
-        let episode = Episode { start: [0.0; 2], yaw: 0.0, goal, others, stratum, geodesic: 3.0, seed: 1 };
+        let episode =
+            Episode { start: [0.0; 2], yaw: 0.0, goal, others, stratum, geodesic: 3.0, seed: 1, is_absent: false };
         let trial = |end| Trial {
             end,
             time: 4.0,

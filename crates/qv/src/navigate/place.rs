@@ -24,7 +24,8 @@ const REACH: f64 = 5.0;
 pub(super) const HEIGHT: f64 = 0.3;
 
 /// What is missing where no place is named.
-const MISSING: &str = "expected FILE, found none: --scene and --terrain name a place, and --places N of train and test draws some";
+const MISSING: &str =
+    "expected FILE, found none: --scene and --terrain name a place, and --places N of train and test draws some";
 
 /// The place.
 #[derive(clap::Args)]

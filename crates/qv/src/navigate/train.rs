@@ -25,8 +25,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 
 /// Weights of a training that has not ended. The files of one that has stay until another one has.
 const UNFINISHED: &str = "unfinished.bin";
@@ -156,13 +156,8 @@ impl Train {
             visited: Mutex::new(visited),
         };
         let stoppable = StoppableSites { sites: &sites, stop: stop.clone() };
-        let mut work = Work {
-            train: self,
-            ground: TrainingGround::Many(&stoppable),
-            stages: Stages::new(),
-            metrics,
-            stop,
-        };
+        let mut work =
+            Work { train: self, ground: TrainingGround::Many(&stoppable), stages: Stages::new(), metrics, stop };
         let settings = self.taught(TrainSettings::of_many_places());
         let mut parameters = start;
         if work.metrics.len() < settings.rounds && !work.is_stopped() {
@@ -171,7 +166,8 @@ impl Train {
         let metrics = work.finish();
         let trained = sites.trained();
         // Nobody knows where it is among many places: sides of a place are those of none.
-        let written = Written { parameters: parameters.unwrap_or_default(), limits: Limits::default(), half_sides: [4.0; 2] };
+        let written =
+            Written { parameters: parameters.unwrap_or_default(), limits: Limits::default(), half_sides: [4.0; 2] };
         write_whole(&self.out.join(TRAINED), &serde_json::to_vec(&trained)?)?;
         self.write(&written, &metrics)
     }
@@ -192,9 +188,10 @@ impl Train {
         make_folder(&self.out).map_err(|e| about(&self.out, e))?;
         let eye = StoppableEye { eye: Several(eyes), stop: stop.clone() };
         let legs = stable.legs(&world, self.driven(TrainSettings::default()).robots)?;
+        let stage = Stage::new(&world, &eye, camera);
         let mut work = Work {
             train: self,
-            ground: TrainingGround::One { stage: Stage::new(&world, &eye, camera), legs },
+            ground: TrainingGround::One { stage: &stage, legs },
             stages: Stages::new(),
             metrics,
             stop,
@@ -364,7 +361,7 @@ struct Written {
 
 /// Where a training takes place.
 enum TrainingGround<'a> {
-    One { stage: Stage<'a>, legs: Box<dyn Legs + 'a> },
+    One { stage: &'a Stage<'a>, legs: Box<dyn Legs + 'a> },
     Many(&'a StoppableSites<'a>),
 }
 
