@@ -13,13 +13,14 @@
 //! Without `rounds=0` it learns first. `qv navigate train --places` and `test --places` do the same without a time.
 
 use qv_nav::dagger::{Student, TrainSettings};
-use qv_nav::exam::{Exam, ExamRow, ExamSettings, PILOTS, Said, examine};
+use qv_nav::exam::{Answers, Exam, ExamRow, ExamSettings, PILOTS, examine};
 use qv_nav::eye::{Eye, Shot};
 use qv_nav::goals::{GoalKind, turn_hues};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::standing;
-use qv_nav::net::{HEIGHT, WIDTH};
+use qv_nav::net::{HEIGHT, HIDDEN, NetInput, STATE, WIDTH};
 use qv_nav::places::{ManySites, Role, Site, SiteSettings, number};
+use qv_nav::recall::RECALL;
 use qv_nav::task::Stratum;
 use qv_nav::weights::{self, GoalInput};
 use std::collections::BTreeSet;
@@ -195,7 +196,23 @@ fn exam(student: &Student, options: &Options) -> Fallible<()> {
         all.push(exam);
     }
     show(&format!("all, {:.0} s", clock.elapsed().as_secs_f64()), &all, &PILOTS);
+    println!("a decision of the network takes {:.2} ms on one core", decision(student));
     Ok(())
+}
+
+/// Time of a decision: hues turned, and one step of the network \[ms\].
+fn decision(student: &Student) -> f64 {
+    const COUNT: usize = 100;
+    let (mut memory, mut scratch) = (vec![0.0; HIDDEN], student.net.scratch());
+    let mut bytes: Vec<u8> = (0..3 * WIDTH * HEIGHT).map(|k| (k * 37 % 251) as u8).collect();
+    let clock = Instant::now();
+    for _ in 0..COUNT {
+        turn_hues(&mut bytes, 40.0);
+        let picture: Vec<f32> = bytes.iter().map(|&b| f32::from(b)).collect();
+        let input = NetInput { picture: &picture, state: &[0.0; STATE], recall: &[0.0; RECALL] };
+        student.net.step(&student.parameters, &input, &mut memory, &mut scratch);
+    }
+    1000.0 * clock.elapsed().as_secs_f64() / COUNT as f64
 }
 
 /// What robots see where episodes begin.
@@ -244,7 +261,7 @@ fn show(name: &str, exams: &[Exam], pilots: &[&str]) {
         );
     }
     for k in 0..2 {
-        let said = exams.iter().fold(Said::default(), |sum, e| sum.and(e.said[k]));
+        let said = exams.iter().fold(Answers::default(), |sum, e| sum.and(e.said[k]));
         println!("  {} {said:?}, balanced {:.3}", ["network", "blob"][k], said.balanced());
     }
 }

@@ -47,19 +47,19 @@ pub struct Exam {
     /// Trials of the same episodes, in the order of [`PILOTS`].
     pub trials: Vec<Vec<Trial>>,
     /// What was said of pictures, by the network and by the blob follower.
-    pub said: [Said; 2],
+    pub said: [Answers; 2],
 }
 
 /// Answers to the question whether the goal is in a picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Said {
+pub struct Answers {
     /// Pictures with the goal, and those in which it was seen.
     pub with: [usize; 2],
     /// Pictures without the goal, and those in which it was imagined.
     pub without: [usize; 2],
 }
 
-impl Said {
+impl Answers {
     /// Both together.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
@@ -143,10 +143,10 @@ pub fn examine(site: &Site, net: &Net, parameters: &[f32], settings: &ExamSettin
 
 /// What the network and the blob follower say of pictures: from where episodes begin, each once with the goal, if it is in view there, and once
 /// without it. Other objects are there in half of them.
-fn ask(site: &Site, (net, parameters): (&Net, &[f32]), settings: &ExamSettings) -> Result<[Said; 2], NavError> {
+fn ask(site: &Site, (net, parameters): (&Net, &[f32]), settings: &ExamSettings) -> Result<[Answers; 2], NavError> {
     let seed = Xoshiro256PlusPlus::of(settings.seed, 72, site.hash).bits();
     let episodes = site.episodes(0.0).draw(&site.world, settings.pictures, seed)?;
-    let mut said = [Said::default(); 2];
+    let mut said = [Answers::default(); 2];
     for with_goal in [true, false] {
         let asked: Vec<&Episode> = episodes.iter().filter(|e| !with_goal || e.stratum == Stratum::InView).collect();
         let pictures = pictures(site, &asked, with_goal, &settings.spread)?;
@@ -226,7 +226,7 @@ mod tests {
         let [network, blob] = exam.said;
         assert_eq!((network.with[0], network.without[0]), (blob.with[0], blob.without[0]));
         assert!(network.without[0] == 12 && network.with[0] >= 4);
-        let always = Said { with: [10, 10], without: [20, 20] };
+        let always = Answers { with: [10, 10], without: [20, 20] };
         assert_eq!(always.balanced(), 0.5);
         assert_eq!(always.and(always).imagined().n, 40);
     }

@@ -18,18 +18,15 @@ use legs::{LegsArguments, Stable};
 use page::{FromAbove, Results, Strip, TestRow, png_in_base64};
 use place::Task;
 use qv_nav::eye::Paints;
-use qv_nav::goals::GoalSet;
 use qv_nav::map::MapSettings;
 use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
 use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::{Row, compared};
 use qv_nav::task::{End, Episode, PERIOD, Trial};
-use qv_nav::teacher::World;
-use qv_nav::weights::GoalInput;
 use std::fs;
 use std::path::{Path, PathBuf};
-use weights_file::{fingerprint, network_at};
+use weights_file::{commanded, fingerprint, network_at};
 
 pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
@@ -116,14 +113,6 @@ struct Test {
     json: bool,
     #[command(flatten)]
     card: CardArguments,
-}
-
-/// A place for a network that is commanded in some way: cones of three colours, by their names or by their colours.
-fn commanded(world: World, input: GoalInput) -> World {
-    match input {
-        GoalInput::Name => world,
-        GoalInput::Colour => world.among_many(GoalSet::coloured()),
-    }
 }
 
 /// Episodes of a test, from the command line.

@@ -2,7 +2,7 @@
 //! others.
 //!
 //! A place has a number. Trainings draw numbers below [`FIRST_TESTED`], tests draw from there on, so no seed makes them share one. Each place has
-//! a hash of its geometry, too ([`Site::hash`]): a test compares those of its places with those of the training ([`Trained`]) and refuses.
+//! a hash of its geometry, too ([`Site::hash`]): a test compares those of its places with those of the training ([`TrainingPlaces`]) and refuses.
 
 mod layout;
 mod looks;
@@ -211,8 +211,8 @@ pub struct ManySites {
 
 impl ManySites {
     /// In which places a training has been.
-    pub fn trained(&self) -> Trained {
-        Trained::new(self.seed, self.count, &self.visited.lock().unwrap_or_else(PoisonError::into_inner))
+    pub fn trained(&self) -> TrainingPlaces {
+        TrainingPlaces::new(self.seed, self.count, &self.visited.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     fn at(&self, site: &Site, visit: &mut Visit) -> Result<(), NavError> {
@@ -238,8 +238,8 @@ impl Sites for ManySites {
 /// In which places a network was trained.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Trained {
-    /// Always [`Trained::FORMAT`].
+pub struct TrainingPlaces {
+    /// Always [`TrainingPlaces::FORMAT`].
     pub format: String,
     /// Of the drawn places.
     pub seed: u64,
@@ -249,7 +249,7 @@ pub struct Trained {
     pub hashes: BTreeSet<String>,
 }
 
-impl Trained {
+impl TrainingPlaces {
     /// What its files say of themselves.
     pub const FORMAT: &'static str = "qv-navigate-places/1";
 
@@ -296,9 +296,9 @@ mod tests {
         let (a, _) = Site::drawn(number(Role::Training, 3, 0), &SiteSettings::default()).unwrap();
         let (b, _) = Site::drawn(number(Role::Test, 3, 0), &SiteSettings::default()).unwrap();
         assert_ne!(a.hash, b.hash);
-        let trained = Trained::new(3, 1, &BTreeSet::from([a.hash]));
+        let trained = TrainingPlaces::new(3, 1, &BTreeSet::from([a.hash]));
         let text = serde_json::to_string(&trained).unwrap();
-        let trained: Trained = serde_json::from_str(&text).unwrap();
+        let trained: TrainingPlaces = serde_json::from_str(&text).unwrap();
         trained.check_unseen(std::slice::from_ref(&b)).unwrap();
         let error = trained.check_unseen(&[b, a]).unwrap_err().to_string();
         assert!(error.contains("not trained"), "{error}");

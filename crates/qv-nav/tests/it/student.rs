@@ -1,13 +1,13 @@
 //! The students that are kept still find their goals: what they were trained with is drawn, walked and recalled as then.
 
-use qv_nav::exam::{ExamRow, ExamSettings, Said, examine};
+use qv_nav::exam::{Answers, ExamRow, ExamSettings, examine};
 use qv_nav::eye::SplatEye;
 use qv_nav::legs::Follower;
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::net::Net;
 use qv_nav::pilots::NetPilot;
-use qv_nav::places::{Role, Site, SiteSettings, Trained, number};
+use qv_nav::places::{Role, Site, SiteSettings, TrainingPlaces, number};
 use qv_nav::roll::{Stage, roll};
 use qv_nav::sight::Rig;
 use qv_nav::task::{EpisodeSettings, Limits};
@@ -40,11 +40,11 @@ fn the_student_of_many_places_finds_goals_in_others_and_imagines_few() {
     let net = Net::default();
     let bytes = include_bytes!("../../../../fixtures/yard/students/many_places/weights.bin");
     let trained = include_str!("../../../../fixtures/yard/students/many_places/places.json");
-    let trained: Trained = serde_json::from_str(trained).unwrap();
+    let trained: TrainingPlaces = serde_json::from_str(trained).unwrap();
     let (parameters, input) = weights::read(bytes, &net).unwrap();
     assert_eq!(input, GoalInput::Colour);
     let settings = ExamSettings { episodes: 9, pictures: 30, seed: 8, spread: LensSpread::wide() };
-    let (mut trials, mut said) = (Vec::new(), Said::default());
+    let (mut trials, mut said) = (Vec::new(), Answers::default());
     for index in 0..2 {
         let (site, eye) = Site::drawn(number(Role::Test, 8, index), &SiteSettings::default()).unwrap();
         let site = site.seen_by(Box::new(eye));

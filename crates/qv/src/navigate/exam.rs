@@ -7,12 +7,12 @@ use crate::outcome::about;
 use crate::output::write_whole;
 use crate::progress::{Stages, remark};
 use crate::{Failure, Outcome, say};
-use qv_nav::exam::{Exam, ExamRow, ExamSettings, PILOTS, Said, examine};
+use qv_nav::exam::{Answers, Exam, ExamRow, ExamSettings, PILOTS, examine};
 use qv_nav::eye::Paints;
 use qv_nav::goals::GoalKind;
 use qv_nav::lens::LensSpread;
 use qv_nav::net::Net;
-use qv_nav::places::{Role, Site, SiteSettings, Trained, number};
+use qv_nav::places::{Role, Site, SiteSettings, TrainingPlaces, number};
 use qv_nav::score::{Mean, Share};
 use qv_nav::task::Trial;
 use qv_nav::weights::GoalInput;
@@ -32,7 +32,7 @@ struct ManyResults {
     pilots: [&'static str; 5],
     places: Vec<PlaceResult>,
     all: Vec<ExamRow>,
-    said: [Said; 2],
+    said: [Answers; 2],
 }
 
 #[derive(Serialize)]
@@ -111,13 +111,13 @@ impl Test {
             checked: trained.is_some(),
             pilots: PILOTS,
             all: (0..PILOTS.len()).map(|k| ExamRow::of(&together(&results, k))).collect(),
-            said: [0, 1].map(|k| results.iter().fold(Said::default(), |sum, r| sum.and(r.exam.said[k]))),
+            said: [0, 1].map(|k| results.iter().fold(Answers::default(), |sum, r| sum.and(r.exam.said[k]))),
             places: results,
         })
     }
 
     /// In which places the network was trained, if that is beside its weights.
-    fn trained(&self) -> Result<Option<Trained>, Failure> {
+    fn trained(&self) -> Result<Option<TrainingPlaces>, Failure> {
         let path = self.weights.with_file_name(TRAINED);
         match fs::read(&path) {
             Ok(bytes) => Ok(Some(serde_json::from_slice(&bytes).map_err(|e| about(&path, e))?)),
@@ -158,7 +158,7 @@ fn mean(mean: &Mean) -> String {
 }
 
 /// The lines of one place.
-fn table(name: &str, rows: &[ExamRow], said: [Said; 2]) -> String {
+fn table(name: &str, rows: &[ExamRow], said: [Answers; 2]) -> String {
     let count = rows.first().map_or(0, |row| row.row.episodes);
     let mut text = format!("{name}: {count} episodes\n");
     for (pilot, row) in PILOTS.iter().zip(rows) {
@@ -193,8 +193,8 @@ mod tests {
     #[test]
     fn a_table_says_shares_with_their_numbers() {
         let rows: Vec<ExamRow> = PILOTS.iter().map(|_| ExamRow::of(&[])).collect();
-        let said = Said { with: [10, 9], without: [40, 2] };
-        let text = table("yard 1", &rows, [said, Said::default()]);
+        let said = Answers { with: [10, 9], without: [40, 2] };
+        let text = table("yard 1", &rows, [said, Answers::default()]);
         assert!(text.states("yard 1 0 episodes false goals 5.0 of 40 90.0 of 10"), "{text}");
     }
 }

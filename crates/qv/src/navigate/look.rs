@@ -2,7 +2,7 @@
 
 use super::page::png_in_base64;
 use super::place::Place;
-use super::weights_file::network_at;
+use super::weights_file::{commanded, network_at};
 use crate::capture::open_capture;
 use crate::numbers::positive;
 use crate::outcome::about;
@@ -78,7 +78,7 @@ impl Look {
         let (world, eye) = self.place.seen(self.place.rig()?, &Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
         let (parameters, input) = network_at(&self.weights, &net)?;
-        let world = super::commanded(world, input);
+        let world = commanded(world, input);
         let (photographs, lost) = self.photographs()?;
         let mut looked = PictureReport { pairs: vec![], photographs: 0, heights: vec![] };
         let (mut narrow, mut high) = (0, 0);

@@ -24,18 +24,18 @@ pub(super) struct Many {
     ///
     /// Such as `kitchen/scene.ply,kitchen/mesh.glb` or `kitchen/scene.ply,kitchen/mesh.glb,0.02` [m].
     #[arg(long, value_name = "SCENE,MESH[,FLOOR]", num_args = 1.., help_heading = "Input")]
-    pub(super) with_scene: Vec<Given>,
+    pub(super) with_scene: Vec<ScenePlace>,
 }
 
 /// A scene with its mesh.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Given {
+pub(super) struct ScenePlace {
     pub(super) scene: PathBuf,
     pub(super) mesh: PathBuf,
     pub(super) floor: Option<f64>,
 }
 
-impl FromStr for Given {
+impl FromStr for ScenePlace {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -73,7 +73,7 @@ impl Many {
 /// Goals of a scene that is given.
 const GOALS: usize = 16;
 
-fn site(given: &Given, place: &Place, goals: Option<GoalKind>, paints: &Paints) -> Result<Site, Failure> {
+fn site(given: &ScenePlace, place: &Place, goals: Option<GoalKind>, paints: &Paints) -> Result<Site, Failure> {
     let map = super::place::map_at(&given.mesh, given.floor)?;
     let eye = place.eye(&given.scene, &map, paints)?;
     let bytes = |path: &Path| fs::read(path).map_err(|e| about(path, e));
@@ -100,11 +100,11 @@ mod tests {
 
     #[test]
     fn scenes_of_the_command_line() {
-        let given: Given = "a/s.ply,a/m.glb,0.1".parse().unwrap();
+        let given: ScenePlace = "a/s.ply,a/m.glb,0.1".parse().unwrap();
         assert_eq!((given.mesh, given.floor), (PathBuf::from("a/m.glb"), Some(0.1)));
-        assert_eq!("s.ply,m.glb".parse::<Given>().unwrap().floor, None);
+        assert_eq!("s.ply,m.glb".parse::<ScenePlace>().unwrap().floor, None);
         for bad in ["", "s.ply", "s.ply,", "s.ply,m.glb,x", "a,b,1,2"] {
-            assert!(bad.parse::<Given>().is_err(), "{bad}");
+            assert!(bad.parse::<ScenePlace>().is_err(), "{bad}");
         }
     }
 }

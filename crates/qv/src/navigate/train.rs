@@ -16,7 +16,7 @@ use qv_nav::goals::GoalKind;
 use qv_nav::legs::Legs;
 use qv_nav::lens::LensSpread;
 use qv_nav::net::Net;
-use qv_nav::places::{ManySites, SiteSettings, Sites, Trained, Visit};
+use qv_nav::places::{ManySites, SiteSettings, Sites, TrainingPlaces, Visit};
 use qv_nav::roll::Stage;
 use qv_nav::task::Limits;
 use qv_nav::weights::GoalInput;
@@ -139,10 +139,13 @@ impl Train {
         let stop = crate::stop::asked();
         make_folder(&self.out).map_err(|e| about(&self.out, e))?;
         let count = self.many.places.unwrap_or(0);
-        let visited = match self.resume {
-            true => trained_at(&self.out.join(UNFINISHED_PLACES))?.visited(),
-            false => BTreeSet::new(),
+        // What it goes on from was somewhere, too.
+        let before = match (self.resume, &self.from) {
+            (true, _) => Some(self.out.join(UNFINISHED_PLACES)),
+            (false, Some(from)) => Some(from.with_file_name(TRAINED)).filter(|file| file.exists()),
+            (false, None) => None,
         };
+        let visited = before.map_or(Ok(BTreeSet::new()), |file| trained_at(&file).map(|t| t.visited()))?;
         let sites = ManySites {
             settings: SiteSettings { rig: place.rig()?, ..SiteSettings::default() },
             seed: place.seed,
@@ -167,7 +170,7 @@ impl Train {
         let trained = sites.trained();
         // Nobody knows where it is among many places: sides of a place are those of none.
         let written =
-            Written { parameters: parameters.unwrap_or_default(), limits: Limits::default(), half_sides: [4.0; 2] };
+            PolicyFiles { parameters: parameters.unwrap_or_default(), limits: Limits::default(), half_sides: [4.0; 2] };
         write_whole(&self.out.join(TRAINED), &serde_json::to_vec(&trained)?)?;
         self.write(&written, &metrics)
     }
@@ -208,12 +211,15 @@ impl Train {
         let metrics = work.finish();
         let [low, high] = world.map.bounds();
         let half_sides = (0.5 * (high - low)).to_array();
-        self.write(&Written { parameters: parameters.unwrap_or_default(), limits: world.limits, half_sides }, &metrics)
+        self.write(
+            &PolicyFiles { parameters: parameters.unwrap_or_default(), limits: world.limits, half_sides },
+            &metrics,
+        )
     }
 
     /// The results.
-    fn write(&self, written: &Written, metrics: &[Progress]) -> Result<Outcome, Failure> {
-        let Written { parameters, limits, half_sides } = written;
+    fn write(&self, written: &PolicyFiles, metrics: &[Progress]) -> Result<Outcome, Failure> {
+        let PolicyFiles { parameters, limits, half_sides } = written;
         let (rounds, all) = (metrics.len(), self.rounds + self.trials);
         if rounds == 0 && all > 0 {
             print_message!("stopped in the first of {all} rounds; nothing was written");
@@ -353,7 +359,7 @@ impl Sites for StoppableSites<'_> {
 }
 
 /// What a training leaves.
-struct Written {
+struct PolicyFiles {
     parameters: Vec<f32>,
     limits: Limits,
     half_sides: [f64; 2],
@@ -366,7 +372,7 @@ enum TrainingGround<'a> {
 }
 
 /// The places of a training that was stopped.
-fn trained_at(path: &Path) -> Result<Trained, Failure> {
+fn trained_at(path: &Path) -> Result<TrainingPlaces, Failure> {
     let bytes = fs::read(path).map_err(|e| about(path, format!("expected the places of a training, found {e}")))?;
     serde_json::from_slice(&bytes).map_err(|e| about(path, e))
 }

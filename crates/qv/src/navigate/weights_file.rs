@@ -2,7 +2,9 @@
 
 use crate::Failure;
 use crate::outcome::about;
+use qv_nav::goals::GoalSet;
 use qv_nav::net::Net;
+use qv_nav::teacher::World;
 use qv_nav::weights::{self, GoalInput};
 use sha2::{Digest, Sha256};
 use std::fs;
@@ -18,4 +20,12 @@ pub(super) fn fingerprint(parameters: &[f32]) -> String {
 pub(super) fn network_at(path: &Path, net: &Net) -> Result<(Vec<f32>, GoalInput), Failure> {
     let bytes = fs::read(path).map_err(|e| about(path, e))?;
     weights::read(&bytes, net).map_err(|e| about(path, e))
+}
+
+/// A place for a network that is commanded in some way: cones of three colours, by their names or by their colours.
+pub(super) fn commanded(world: World, input: GoalInput) -> World {
+    match input {
+        GoalInput::Name => world,
+        GoalInput::Colour => world.among_many(GoalSet::coloured()),
+    }
 }
