@@ -5,7 +5,7 @@
 //! - `within`: a time \[s\], and the number of rounds is as many as fit;
 //! - `from`: the weights.bin of an earlier training to go on from; `out`: a directory for weights.bin and places.json, made if need be;
 //! - `exam`: places of the test, each with `episodes` and `pictures`; `exam_seed`: of them; `goals=unseen`: of a shape and colours that no training
-//!   draws; `goals=turned`: a network that knows goals by name is asked by turned hues; `role=training`: in the first places of the training.
+//!   draws; `goals=turned`: a network that knows goals by name is asked by turned hues; `role=training`: in places of the training, which places.json beside `from` lists.
 //!
 //! - `gpu=N` (feature `gpu`): learns on adapter `N`;
 //! - `show=FILE.ppm`: pictures of the first places of that role, a row for each, and nothing else.
@@ -19,11 +19,11 @@ use qv_nav::goals::{GoalKind, turn_hues};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::standing;
 use qv_nav::net::{HEIGHT, HIDDEN, NetInput, STATE, WIDTH};
-use qv_nav::places::{ManySites, Role, Site, SiteSettings, number};
+use qv_nav::places::{ManySites, Role, Site, SiteSettings, TrainingPlaces, number};
 use qv_nav::recall::RECALL;
 use qv_nav::task::Stratum;
 use qv_nav::weights::{self, GoalInput};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::Instant;
@@ -148,7 +148,7 @@ fn learn(student: &mut Student, options: &Options) -> Fallible<()> {
         spread: LensSpread::of_many_places(),
         robots: options.settings.robots,
         absent: options.absent,
-        visited: Mutex::new(BTreeSet::new()),
+        visited: Mutex::new(BTreeMap::new()),
     };
     std::fs::create_dir_all(&options.out)?;
     let (clock, mut round) = (Instant::now(), 0);
@@ -167,7 +167,7 @@ fn learn(student: &mut Student, options: &Options) -> Fallible<()> {
             progress.frames,
             progress.loss,
             progress.success.unwrap_or(f64::NAN),
-            sites.trained().hashes.len()
+            sites.trained().places.len()
         );
         if let Some(within) = options.within {
             // The last rounds say best how long one takes.
@@ -187,10 +187,16 @@ fn exam(student: &Student, options: &Options) -> Fallible<()> {
         spread: LensSpread::wide(),
     };
     let site = SiteSettings { goals: options.goals, ..SiteSettings::default() };
-    let seed = if options.role == Role::Training { options.settings.seed } else { options.exam_seed };
+    let numbers: Vec<u64> = match (options.role, &options.from) {
+        (Role::Training, Some(from)) => {
+            let file = std::fs::read(from.with_file_name("places.json"))?;
+            serde_json::from_slice::<TrainingPlaces>(&file)?.numbers().take(options.exam as usize).collect()
+        }
+        (role, _) => (0..options.exam).map(|index| number(role, options.exam_seed, index)).collect(),
+    };
     let (mut all, clock) = (Vec::<Exam>::new(), Instant::now());
-    for index in 0..options.exam {
-        let (site, eye) = Site::drawn(number(options.role, seed, index), &site)?;
+    for number in numbers {
+        let (site, eye) = Site::drawn(number, &site)?;
         let exam = examine(&site.seen_by(Box::new(eye)), &student.net, &student.parameters, &settings)?;
         show(&exam.place, std::slice::from_ref(&exam), &PILOTS[..1]);
         all.push(exam);

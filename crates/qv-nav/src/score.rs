@@ -87,7 +87,8 @@ impl Mean {
     pub fn of(numbers: impl Iterator<Item = f64>) -> Self {
         let all: Vec<f64> = numbers.collect();
         let n = all.len();
-        let value = all.iter().sum::<f64>() / n.max(1) as f64;
+        // An empty sum of floats is -0.
+        let value = (all.iter().sum::<f64>() + 0.0) / n.max(1) as f64;
         let squares: f64 = all.iter().map(|x| (x - value).powi(2)).sum();
         let half = 1.96 * (squares / (n.max(2) - 1) as f64 / n.max(1) as f64).sqrt();
         Self { value, interval: [value - half, value + half], n }

@@ -21,7 +21,7 @@ use crate::task::{EpisodeSettings, Limits, Stratum};
 use crate::teacher::{TeacherSettings, World};
 use qv_core::random::{Xoshiro256PlusPlus, scrambled, sub_seed};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 /// Number of the first place of tests; those of trainings are less.
@@ -205,8 +205,8 @@ pub struct ManySites {
     pub robots: usize,
     /// Share of episodes without the goal.
     pub absent: f32,
-    /// Hashes of all places that were visited.
-    pub visited: Mutex<BTreeSet<u64>>,
+    /// Hashes of all places that were visited, and the numbers of those that are drawn.
+    pub visited: Mutex<BTreeMap<u64, Option<u64>>>,
 }
 
 impl ManySites {
@@ -215,8 +215,8 @@ impl ManySites {
         TrainingPlaces::new(self.seed, self.count, &self.visited.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn at(&self, site: &Site, visit: &mut Visit) -> Result<(), NavError> {
-        self.visited.lock().unwrap_or_else(PoisonError::into_inner).insert(site.hash);
+    fn at(&self, site: &Site, number: Option<u64>, visit: &mut Visit) -> Result<(), NavError> {
+        self.visited.lock().unwrap_or_else(PoisonError::into_inner).insert(site.hash, number);
         let stage = Stage::new(&site.world, &*site.eye, self.spread);
         let mut legs = Follower::new(&site.world.map, self.robots, HEIGHT);
         visit(&stage, &mut legs, &site.episodes(self.absent))
@@ -227,11 +227,12 @@ impl Sites for ManySites {
     fn visit(&self, number: u64, visit: &mut Visit) -> Result<(), NavError> {
         let mut random = Xoshiro256PlusPlus::of(number, 71, 0);
         if !self.given.is_empty() && random.unit() < self.share_given {
-            return self.at(&self.given[random.below(self.given.len())], visit);
+            return self.at(&self.given[random.below(self.given.len())], None, visit);
         }
         let index = random.bits() % self.count.max(1);
-        let (site, eye) = Site::drawn(self::number(Role::Training, self.seed, index), &self.settings)?;
-        self.at(&site.seen_by(Box::new(eye)), visit)
+        let drawn = self::number(Role::Training, self.seed, index);
+        let (site, eye) = Site::drawn(drawn, &self.settings)?;
+        self.at(&site.seen_by(Box::new(eye)), Some(drawn), visit)
     }
 }
 
@@ -245,8 +246,8 @@ pub struct TrainingPlaces {
     pub seed: u64,
     /// Number of different drawn places.
     pub count: u64,
-    /// Hashes of all places that were visited, in hexadecimal digits.
-    pub hashes: BTreeSet<String>,
+    /// Hashes of all places that were visited, in hexadecimal digits, and the numbers of those that are drawn.
+    pub places: BTreeMap<String, Option<u64>>,
 }
 
 impl TrainingPlaces {
@@ -254,14 +255,20 @@ impl TrainingPlaces {
     pub const FORMAT: &'static str = "qv-navigate-places/1";
 
     /// What was visited.
-    pub fn new(seed: u64, count: u64, visited: &BTreeSet<u64>) -> Self {
-        let hashes = visited.iter().map(|hash| format!("{hash:016x}")).collect();
-        Self { format: Self::FORMAT.into(), seed, count, hashes }
+    pub fn new(seed: u64, count: u64, visited: &BTreeMap<u64, Option<u64>>) -> Self {
+        let places = visited.iter().map(|(hash, number)| (format!("{hash:016x}"), *number)).collect();
+        Self { format: Self::FORMAT.into(), seed, count, places }
     }
 
-    /// The hashes as numbers.
-    pub fn visited(&self) -> BTreeSet<u64> {
-        self.hashes.iter().filter_map(|hash| u64::from_str_radix(hash, 16).ok()).collect()
+    /// Hashes and numbers.
+    pub fn visited(&self) -> BTreeMap<u64, Option<u64>> {
+        let read = |(hash, number): (&String, &Option<u64>)| Some((u64::from_str_radix(hash, 16).ok()?, *number));
+        self.places.iter().filter_map(read).collect()
+    }
+
+    /// Numbers of the drawn places.
+    pub fn numbers(&self) -> impl Iterator<Item = u64> + '_ {
+        self.places.values().flatten().copied()
     }
 
     /// Refuses places of the training.
@@ -270,7 +277,7 @@ impl TrainingPlaces {
     /// Names the first that is one.
     pub fn check_unseen(&self, sites: &[Site]) -> Result<(), NavError> {
         let visited = self.visited();
-        match sites.iter().find(|site| visited.contains(&site.hash)) {
+        match sites.iter().find(|site| visited.contains_key(&site.hash)) {
             None => Ok(()),
             Some(site) => {
                 let expected = "a place in which the network was not trained";
@@ -289,16 +296,17 @@ mod tests {
 
     #[test]
     fn places_of_trainings_and_tests_are_disjoint_and_the_hash_refuses() {
-        let numbers = |role| (0..500).map(|k| number(role, 3, k)).collect::<BTreeSet<u64>>();
+        let numbers = |role| (0..500).map(|k| number(role, 3, k)).collect::<std::collections::BTreeSet<u64>>();
         let (training, test) = (numbers(Role::Training), numbers(Role::Test));
         assert!(training.len() == 500 && test.len() == 500 && training.is_disjoint(&test));
         assert!(training.iter().all(|n| *n < FIRST_TESTED) && test.iter().all(|n| *n >= FIRST_TESTED));
         let (a, _) = Site::drawn(number(Role::Training, 3, 0), &SiteSettings::default()).unwrap();
         let (b, _) = Site::drawn(number(Role::Test, 3, 0), &SiteSettings::default()).unwrap();
         assert_ne!(a.hash, b.hash);
-        let trained = TrainingPlaces::new(3, 1, &BTreeSet::from([a.hash]));
+        let trained = TrainingPlaces::new(3, 1, &BTreeMap::from([(a.hash, Some(5))]));
         let text = serde_json::to_string(&trained).unwrap();
         let trained: TrainingPlaces = serde_json::from_str(&text).unwrap();
+        assert_eq!(trained.numbers().collect::<Vec<_>>(), [5]);
         trained.check_unseen(std::slice::from_ref(&b)).unwrap();
         let error = trained.check_unseen(&[b, a]).unwrap_err().to_string();
         assert!(error.contains("not trained"), "{error}");

@@ -56,21 +56,21 @@ impl Test {
             (GoalInput::Colour, false) => Some(GoalKind::Trained),
         };
         let trained = self.trained()?;
-        let (role, seed) = match (&trained, self.training_places) {
-            (Some(trained), true) => (Role::Training, trained.seed),
+        let count = self.many.places.unwrap_or(0);
+        let numbers: Vec<u64> = match (&trained, self.training_places) {
+            (Some(trained), true) => trained.numbers().take(count as usize).collect(),
             (None, true) => {
                 return Err(about(
                     &self.weights,
                     format!("--training-places: expected {TRAINED} beside it, found none"),
                 ));
             }
-            _ => (Role::Test, self.task.place.seed),
+            _ => (0..count).map(|index| number(Role::Test, self.task.place.seed, index)).collect(),
         };
         let mut sites = self.many.scenes(&self.task.place, goals, &Paints { count: 1, ..Paints::default() })?;
         let settings = SiteSettings { goals, rig: self.task.place.rig()?, ..SiteSettings::default() };
-        let most = trained.as_ref().filter(|_| self.training_places).map_or(u64::MAX, |t| t.count);
-        for index in 0..self.many.places.unwrap_or(0).min(most) {
-            let (site, eye) = Site::drawn(number(role, seed, index), &settings)?;
+        for number in numbers {
+            let (site, eye) = Site::drawn(number, &settings)?;
             sites.push(site.seen_by(Box::new(eye)));
         }
         match &trained {

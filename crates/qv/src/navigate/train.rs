@@ -22,7 +22,7 @@ use qv_nav::task::Limits;
 use qv_nav::weights::GoalInput;
 use qv_nav::{NavError, onnx, weights};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -145,7 +145,7 @@ impl Train {
             (false, Some(from)) => Some(from.with_file_name(TRAINED)).filter(|file| file.exists()),
             (false, None) => None,
         };
-        let visited = before.map_or(Ok(BTreeSet::new()), |file| trained_at(&file).map(|t| t.visited()))?;
+        let visited = before.map_or(Ok(BTreeMap::new()), |file| trained_at(&file).map(|t| t.visited()))?;
         let sites = ManySites {
             settings: SiteSettings { rig: place.rig()?, ..SiteSettings::default() },
             seed: place.seed,
