@@ -95,10 +95,10 @@ struct Test {
     #[arg(long, help_heading = "What to test")]
     unseen_goals: bool,
     /// Test in the drawn places of the training instead of in others
-    #[arg(long, help_heading = "What to test")]
+    #[arg(long, help_heading = "What to test", hide_short_help = true)]
     training_places: bool,
     /// Ask about N pictures without a goal
-    #[arg(long, default_value_t = 400, value_parser = episodes, value_name = "N", help_heading = "What to test")]
+    #[arg(long, default_value_t = 400, value_parser = episodes, value_name = "N", help_heading = "What to test", hide_short_help = true)]
     pictures: usize,
     #[command(flatten)]
     legs: LegsArguments,
