@@ -13,6 +13,7 @@ pub use {glam, qv_core, qv_rollout};
 pub mod checks;
 pub mod decision;
 mod diagnose;
+pub mod drift;
 mod error;
 pub mod export;
 #[cfg(test)]
