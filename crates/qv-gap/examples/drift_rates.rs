@@ -4,12 +4,12 @@
 
 use qv_core::random::{SplitMix64, sub_seed};
 use qv_gap::Options;
-use qv_gap::drift::{Answer, Difference, Drift, DriftPolicy, drift};
+use qv_gap::drift::{Answer, Baseline, Difference, Drift, DriftPolicy};
 use qv_go2::model::{ARMATURE, FOOT_LINKS, JOINT_NAMES, urdf};
 use qv_recording::{BagFile, Run};
 use qv_sealed::{Cause, EngineChoice, FaultRequest, Motion, Outcome, Plan, Recipe, Request, make, record};
-use rayon::prelude::*;
 use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
+use rayon::prelude::*;
 use std::error::Error;
 use std::io::Cursor;
 use std::time::Instant;
@@ -113,7 +113,9 @@ fn judge(model: &Model, effect: Option<&str>, seed: u64, other_motion: bool) -> 
     let now = read(&made.messages)?;
     let then = read(&before(&recipe, seed, other_motion)?)?;
     let clock = Instant::now();
-    let found = drift(&[now], &[then], model, &Terrain::plane(), &Options::default(), &DriftPolicy::default())?;
+    let (floor, options) = (Terrain::plane(), Options::default());
+    let baseline = Baseline::new(&[then], model, &floor, &options, &DriftPolicy::default())?;
+    let found = baseline.compare(&[now], model, &floor, &options)?;
     let seconds = clock.elapsed().as_secs_f64();
     let cause = recipe.causes.first();
     let visible = cause.and_then(|cause| is_visible(cause, &found.parameters));
@@ -138,7 +140,8 @@ fn before(recipe: &Recipe, seed: u64, other_motion: bool) -> Result<Vec<qv_go2::
 
 /// Whether a true change is at least as large as what the row of its part and axis says is visible.
 fn is_visible(cause: &Cause, rows: &[Difference]) -> Option<bool> {
-    let of_effect: Vec<&Difference> = rows.iter().filter(|row| row.effect == cause.effect && is_part(row, cause)).collect();
+    let of_effect: Vec<&Difference> =
+        rows.iter().filter(|row| row.effect == cause.effect && is_part(row, cause)).collect();
     let asked = cause.figures.iter().filter(|figure| figure.asked);
     let pairs: Vec<bool> = of_effect
         .iter()
@@ -160,7 +163,8 @@ fn is_part(row: &Difference, cause: &Cause) -> bool {
         // Of the body or the world.
         return is_all || row.scope.iter().any(|name| name == "base");
     }
-    let of_row: Vec<bool> = all.iter().map(|part| is_all || row.scope.iter().any(|name| is_begin(name, part))).collect();
+    let of_row: Vec<bool> =
+        all.iter().map(|part| is_all || row.scope.iter().any(|name| is_begin(name, part))).collect();
     of_row == of_cause
 }
 

@@ -15,6 +15,21 @@ pub const LOW_STATE_TYPE: &str = "unitree_go/msg/LowState";
 /// Type name of [`ODOMETRY`].
 pub const ODOMETRY_TYPE: &str = "nav_msgs/msg/Odometry";
 
+/// Type name of [`SPORT_MODE_STATE`].
+pub const SPORT_MODE_STATE_TYPE: &str = "unitree_go/msg/SportModeState";
+
+/// Definition of `SportModeState`, which the robot's own walking controller sends.
+pub const SPORT_MODE_STATE: &str = "TimeSpec stamp\nuint32 error_code\nIMUState imu_state\nuint8 mode\nfloat32 progress\n\
+uint8 gait_type\nfloat32 foot_raise_height\nfloat32[3] position\nfloat32 body_height\nfloat32[3] velocity\n\
+float32 yaw_speed\nfloat32[4] range_obstacle\nint16[4] foot_force\nfloat32[12] foot_position_body\n\
+float32[12] foot_speed_body\nPathPoint[10] path_point\n\
+================================================================================\nMSG: unitree_go/TimeSpec\n\
+int32 sec\nuint32 nanosec\n\
+================================================================================\nMSG: unitree_go/IMUState\n\
+float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\nint8 temperature\n\
+================================================================================\nMSG: unitree_go/PathPoint\n\
+float32 t_from_start\nfloat32 x\nfloat32 y\nfloat32 yaw\nfloat32 vx\nfloat32 vy\nfloat32 vyaw\n";
+
 /// Definition of `LowCmd`.
 pub const LOW_CMD: &str = "uint8[2] head\nuint8 level_flag\nuint8 frame_reserve\nuint32[2] sn\nuint32[2] version\n\
 uint16 bandwidth\nMotorCmd[20] motor_cmd\nBmsCmd bms_cmd\nuint8[40] wireless_remote\nuint8[12] led\nuint8[2] fan\n\

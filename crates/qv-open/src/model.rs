@@ -5,6 +5,7 @@ use crate::error::file_error;
 use crate::mesh_file::read_mesh;
 use qv_core::Mismatch;
 use qv_policy::velocity::{self, known_robot};
+use qv_recording::mapping::Mapping;
 use qv_recording::robots::{ModelSource, RobotFile};
 use qv_recording::run::{Base, Robot};
 use qv_recording::{RecordingError, Run, robots};
@@ -37,6 +38,14 @@ pub(crate) fn robot_file(name: &str) -> Result<Option<FoundRobot>, RecordingErro
     };
     let file = robots::parse(name, &text, &beside)?;
     Ok(Some(FoundRobot { file, folder }))
+}
+
+/// The topics of a robot and what they mean, by the name of `qv robots` or a `.toml` file; `None` for what else a robot may be.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn robot_mapping(name: &str) -> Result<Option<Mapping>, RecordingError> {
+    Ok(robot_file(name)?.map(|found| found.file.mapping))
 }
 
 /// The text of a robot's model.

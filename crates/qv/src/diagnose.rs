@@ -118,7 +118,24 @@ struct PolicyArguments {
     policy_description: Option<PathBuf>,
 }
 
+/// What a diagnosis was made from.
+pub struct DiagnosisInputs {
+    pub runs: Vec<PathBuf>,
+    pub reading: Reading,
+    pub terrain: String,
+    pub params: Option<PathBuf>,
+    pub library: Option<PathBuf>,
+    pub ground_error: Option<f64>,
+    pub seed: u64,
+}
+
 impl Diagnose {
+    /// What it reads, to do the like again.
+    pub fn inputs(self) -> DiagnosisInputs {
+        let Self { runs, reading, terrain, params, library, ground_error, seed, .. } = self;
+        DiagnosisInputs { runs, reading, terrain, params, library, ground_error, seed }
+    }
+
     pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let mut runs = self.open(&self.runs)?;
         // What is wrong with it is said before minutes are spent on the rest.

@@ -1,4 +1,4 @@
-//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped.
+//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 4 a robot changed (`qv drift`), 130 stopped.
 
 mod ask;
 mod camera;
@@ -11,6 +11,7 @@ mod contact;
 mod demo;
 mod depth_unit;
 mod diagnose;
+mod drift;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
@@ -19,6 +20,7 @@ mod fleet;
 #[cfg(test)]
 mod help;
 mod inspect;
+mod live;
 mod lock;
 mod memory;
 mod mesh;
@@ -120,6 +122,9 @@ enum Command {
     /// Identify which physical effect explains the sim-to-real gap
     #[command(after_long_help = diagnose::EXAMPLE)]
     Diagnose(diagnose::Diagnose),
+    /// Test whether a robot has changed since its calibration
+    #[command(after_long_help = drift::EXAMPLE)]
+    Drift(drift::DriftCheck),
     /// Propose the next motion to record, to separate open causes
     #[command(after_long_help = next::EXAMPLE)]
     Next(next::Next),
@@ -147,6 +152,12 @@ enum Command {
     #[cfg(feature = "learn")]
     #[command(after_long_help = tune::EXAMPLE)]
     Tune(Box<tune::Tune>),
+    /// Record a robot's topics over DDS, without ROS
+    #[command(after_long_help = live::RECORD_EXAMPLE)]
+    Record(live::Record),
+    /// Watch a robot's data on a page that updates itself
+    #[command(after_long_help = live::WATCH_EXAMPLE)]
+    Watch(live::Watch),
     /// Process many recordings: diagnose, contact or tune
     #[command(after_long_help = fleet::EXAMPLE)]
     Fleet(fleet::Fleet),
@@ -283,6 +294,7 @@ fn main() -> ExitCode {
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Partial) => ExitCode::from(3),
+        Ok(Outcome::Changed) => ExitCode::from(4),
         Ok(Outcome::Stopped) => ExitCode::from(stop::STOPPED),
         Err(error) => {
             print_message!("{error}");
@@ -301,6 +313,7 @@ fn execute(command: Command) -> Result<Outcome, Failure> {
         Command::Check(command) => command.execute(),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
+        Command::Drift(command) => command.execute(),
         Command::Next(command) => command.execute().map_err(Failure::from),
         Command::Contact(command) => command.execute().map_err(Failure::from),
         Command::Reconstruct(command) => command.execute(),
@@ -312,6 +325,8 @@ fn execute(command: Command) -> Result<Outcome, Failure> {
         Command::Navigate(command) => command.execute(),
         #[cfg(feature = "learn")]
         Command::Tune(command) => command.execute(),
+        Command::Record(command) => command.execute(),
+        Command::Watch(command) => command.execute(),
         Command::Fleet(command) => command.execute(Cli::command()),
         Command::Report(command) => command.execute(),
         Command::View(command) => command.execute(),

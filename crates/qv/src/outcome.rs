@@ -10,6 +10,8 @@ pub type Failure = Box<dyn std::error::Error>;
 pub enum Outcome {
     Done,
     Partial,
+    /// A robot is not what it was.
+    Changed,
     /// Somebody stopped it; it can go on.
     Stopped,
 }

@@ -24,6 +24,7 @@ const LAYERS: &[(&str, u8)] = &[
     ("qv-contact", 4),
     ("qv-residual", 4),
     ("qv-held", 4),
+    ("qv-live", 4),
     ("qv-gap", 5),
     ("qv-camera", 6),
     ("qv-open", 6),

@@ -86,7 +86,8 @@ impl Contrast {
                 return Along { force: 0.0, curvature: 0.0, spread: 1.0 };
             }
             let force = dot(earlier, &then.b) + dot(own, &now.b);
-            let spread = of_ghosts(then, now, (earlier, own), k).max(of_windows(then, now, (earlier, own), k)).max(level);
+            let spread =
+                of_ghosts(then, now, (earlier, own), k).max(of_windows(then, now, (earlier, own), k)).max(level);
             Along { force, curvature: k, spread }
         };
         let along = residues.par_iter().enumerate().map(along).collect();
@@ -171,3 +172,85 @@ fn of_windows(then: &Moments, now: &Moments, (earlier, own): (&[f64], &[f64]), c
     (square(&then.scores, earlier) + square(&now.scores, own)) / curvature
 }
 
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use qv_fit::linear::{add_outer, from_columns, gram, transposed_times};
+
+    const SESSION: f64 = 0.1;
+    const TOLERANCE: f64 = 2.0;
+
+    /// A recording of eight numbers with one tolerated column and the clock's, and a line along the tolerated one.
+    fn moments(columns: &[Vec<f64>; 2], residual: &[f64]) -> Moments {
+        let j = from_columns(8, columns);
+        let line = Line {
+            effect: "strength".into(),
+            scope: vec!["all".into()],
+            parameter: "scale".into(),
+            unit: "1".into(),
+            value: 1.0,
+            bounds: [0.0, f64::INFINITY],
+            step: 0.1,
+            furthest: 0.5,
+            tolerance: 0.2,
+            along: vec![0.0, 1.0],
+        };
+        Moments {
+            keys: vec![None, Some(("strength".into(), 0, 0, 0))],
+            tolerance: vec![1.0, TOLERANCE],
+            h: gram(&j),
+            b: transposed_times(&j, residual),
+            ghosts: Vec::new(),
+            scores: Vec::new(),
+            level: 1.0,
+            lines: vec![line],
+        }
+    }
+
+    fn example() -> ([Vec<f64>; 2], [Vec<f64>; 2], Vec<f64>, Vec<f64>) {
+        let first = [vec![1.0, -1.0, 0.5, 0.0, 0.0, 1.0, 0.3, -0.2], vec![2.0, 0.0, 1.0, 3.0, -1.0, 0.5, 0.0, 1.0]];
+        let second = [vec![0.0, 1.0, -0.5, 0.7, 1.0, 0.0, 0.2, 0.9], vec![1.5, 1.0, 0.0, 2.0, -2.0, 0.0, 1.0, 0.4]];
+        let then = vec![3.1, -0.4, 1.4, 4.2, -1.7, 1.0, 0.1, 1.2];
+        let now = vec![3.0, 2.3, -0.1, 4.4, -3.9, 0.2, 2.2, 0.6];
+        (first, second, then, now)
+    }
+
+    /// The covariance of all sixteen numbers, written out, says the same as the normal equations.
+    #[test]
+    fn a_change_is_that_of_the_joint_covariance() {
+        let (first, second, then, now) = example();
+        let found = Contrast::new(&moments(&first, &then), &moments(&second, &now), SESSION).unwrap();
+        let (zero, joined) = (vec![0.0; 8], |a: &[f64], b: &[f64]| [a, b].concat());
+        let mut covariance = Matrix::identity(16, 16);
+        add_outer(&mut covariance, 1.0, &joined(&first[0], &zero));
+        add_outer(&mut covariance, 1.0, &joined(&zero, &second[0]));
+        let variance = TOLERANCE * TOLERANCE;
+        add_outer(&mut covariance, variance, &joined(&first[1], &second[1]));
+        add_outer(&mut covariance, variance * SESSION * SESSION, &joined(&first[1], &zero));
+        add_outer(&mut covariance, variance * SESSION * SESSION, &joined(&zero, &second[1]));
+        let factor = Cholesky::new(&covariance).unwrap();
+        let (residual, line) = (joined(&then, &now), joined(&zero, &second[1]));
+        let curvature = dot(&line, &factor.solve(&line));
+        let force = dot(&line, &factor.solve(&residual));
+        let along = &found.along[0];
+        assert!((along.curvature - curvature).abs() < 1e-9 * curvature, "{} {curvature}", along.curvature);
+        assert!((along.force - force).abs() < 1e-9 * force.abs().max(1.0), "{} {force}", along.force);
+    }
+
+    #[test]
+    fn what_both_recordings_share_is_no_change_and_what_one_has_is() {
+        let (first, second, _, _) = example();
+        let of = |column: &[f64], size: f64| column.iter().map(|x| size * x).collect::<Vec<_>>();
+        let change = |then: f64, now: f64| {
+            let (then, now) = (moments(&first, &of(&first[1], then)), moments(&second, &of(&second[1], now)));
+            let along = Contrast::new(&then, &now, SESSION).unwrap().along[0].clone();
+            (along.force / along.curvature, along.curvature.sqrt().recip())
+        };
+        let (alike, deviation) = change(3.0, 3.0);
+        assert!(alike.abs() < 0.2 * deviation, "{alike} {deviation}");
+        let (grown, _) = change(3.0, 5.0);
+        assert!((grown - 2.0).abs() < 0.2, "{grown}");
+        // Without the calibration it would be one robot in three that differs by as much.
+        assert!(deviation < 0.5 * TOLERANCE, "{deviation}");
+    }
+}

@@ -211,10 +211,9 @@ fn sentence(answer: Answer, parameters: &[Difference], not_shown: &[String], tes
         Answer::CannotTell if not_shown.is_empty() => {
             "Cannot tell: no change of any parameter would be visible in these recordings.".into()
         }
-        Answer::CannotTell => format!(
-            "Cannot tell: no change was found, but this recording no longer shows {}.",
-            not_shown.join(", ")
-        ),
+        Answer::CannotTell => {
+            format!("Cannot tell: no change was found, but this recording no longer shows {}.", not_shown.join(", "))
+        }
         Answer::Changed => {
             let named = parameters.iter().filter(|p| p.changed).map(|p| {
                 let (on, unit) = (p.scope.join(", "), if p.unit == "1" { "" } else { p.unit.as_str() });

@@ -43,24 +43,40 @@ impl Default for DriftPolicy {
     }
 }
 
-/// Compares recordings of today, `now`, with those of the calibration, `then`. `options.given` are the parameters that were calibrated.
-///
-/// # Errors
-/// When there are no recordings, they are not of this model, or they have too little.
-pub fn drift(
-    now: &[Run],
-    then: &[Run],
-    model: &Model,
-    terrain: &Terrain,
-    options: &Options,
-    policy: &DriftPolicy,
-) -> Result<Drift, GapError> {
-    let options = sloped(options);
-    let then = study(then, model, terrain, &options, Moments::of)?;
-    let now = study(now, model, terrain, &options, Moments::of)?;
-    let itself = Contrast::new(&then, &then, policy.session)?;
-    let both = Contrast::new(&then, &now, policy.session)?;
-    Ok(decide::decide(&itself, &both, policy))
+/// What the recordings of a calibration say of every parameter, to compare others with.
+pub struct Baseline {
+    then: Moments,
+    /// The calibration compared with itself: what it can show.
+    itself: Contrast,
+    policy: DriftPolicy,
+}
+
+impl Baseline {
+    /// Of recordings of the calibration. `options.given` are the parameters that were calibrated.
+    ///
+    /// # Errors
+    /// When there are no recordings, they are not of this model, or they have too little.
+    pub fn new(
+        then: &[Run],
+        model: &Model,
+        terrain: &Terrain,
+        options: &Options,
+        policy: &DriftPolicy,
+    ) -> Result<Self, GapError> {
+        let then = study(then, model, terrain, &sloped(options), Moments::of)?;
+        let itself = Contrast::new(&then, &then, policy.session)?;
+        Ok(Self { then, itself, policy: policy.clone() })
+    }
+
+    /// Compares recordings of today, with the same `options`.
+    ///
+    /// # Errors
+    /// As [`Baseline::new`].
+    pub fn compare(&self, now: &[Run], model: &Model, terrain: &Terrain, options: &Options) -> Result<Drift, GapError> {
+        let now = study(now, model, terrain, &sloped(options), Moments::of)?;
+        let both = Contrast::new(&self.then, &now, self.policy.session)?;
+        Ok(decide::decide(&self.itself, &both, &self.policy))
+    }
 }
 
 /// The same with one level of each effect, without limits, and with fewer windows: a slope needs no more.

@@ -123,7 +123,9 @@ fn of_group(study: &LinearisedProblem, index: usize, group: &Group) -> Vec<Line>
         let scale = moves.iter().map(|m| factor(m.1)).sum::<f64>() / count;
         let furthest = effect.range.iter().map(|limit| (limit - found.absent[axis]).abs()).fold(0.0, f64::max);
         let bound = |end: f64| {
-            let bounds = moves.iter().map(|&(id, own)| study.rollout.catalogue[id].clamped(end * own.signum()) * factor(own) / own);
+            let bounds = moves
+                .iter()
+                .map(|&(id, own)| study.rollout.catalogue[id].clamped(end * own.signum()) * factor(own) / own);
             bounds.sum::<f64>() / count
         };
         Line {

@@ -40,7 +40,10 @@ mod tests {
             assert!((two_sided(z) / p - 1.0).abs() < 1e-9, "{z}: {}", two_sided(z));
         }
         assert!((two_sided(6.0) / 1.973_175_290e-9 - 1.0).abs() < 1e-8, "{}", two_sided(6.0));
-        assert!((two_sided(2.499_999_99) / two_sided(2.500_000_01) - 1.0).abs() < 1e-6, "no step where the method changes");
+        assert!(
+            (two_sided(2.499_999_99) / two_sided(2.500_000_01) - 1.0).abs() < 1e-6,
+            "no step where the method changes"
+        );
         assert!((quantile(0.05) - 1.959_963_985).abs() < 1e-8 && (two_sided(quantile(1e-6)) / 1e-6 - 1.0).abs() < 1e-9);
     }
 }

@@ -12,6 +12,7 @@ mod scripts;
 mod unit;
 
 pub use child::end_with_parent;
+pub use find::recordings;
 
 use crate::{Failure, Outcome};
 

@@ -10,13 +10,13 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// Arguments that name what is written.
-const OUTPUTS: [&str; 2] = ["out", "scene_out"];
+const OUTPUTS: [&str; 3] = ["out", "scene_out", "junit"];
 /// Positional arguments that name a folder to write into.
 const FOLDERS: [(&str, &str); 1] = [("man", "folder")];
 
 /// What commands write into the folder of `--out DIR`. An input of one of these names, or in a folder of one, is refused at once; what is written
 /// under names that depend on the input is looked at when it is written.
-const WRITTEN: [(&str, &[&str]); 12] = [
+const WRITTEN: [(&str, &[&str]); 13] = [
     ("demo", &["run.mcap", "truth.json", "why", "view.html"]),
     ("fixture", &["run.mcap", "terrain.glb", "truth.json"]),
     ("replay", &["replay.json", "replay.html", "replay.mcap", "replay.layout.json"]),
@@ -35,6 +35,7 @@ const WRITTEN: [(&str, &[&str]); 12] = [
             "without",
         ],
     ),
+    ("drift", &["drift.json", "drift.html"]),
     ("next", &["next.json", "commands.csv", "commands.mcap"]),
     ("contact", &["contact.json", "contact.html", "calibrated.toml", "terrain.glb"]),
     (

@@ -7,6 +7,7 @@ mod big_bag;
 mod captures;
 mod check;
 mod contact;
+mod drift;
 #[path = "../../../../fixtures/facts.rs"]
 mod facts;
 mod fleet;
