@@ -37,7 +37,7 @@ const EFFECTS: [&str; 16] = [
 type Failure = Box<dyn Error + Send + Sync>;
 
 /// A pair of recordings, as it was judged.
-struct Judged {
+struct PairResult {
     drift: Drift,
     /// Whether the truth is at least as large as what is said to be visible; `None` where no tested part is that of the truth.
     visible: Option<bool>,
@@ -57,7 +57,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut alarms = [[0, 0]; 2];
     let all: Vec<_> = (0..same).into_par_iter().map(|k| judge(&model, None, sub_seed(seed, k), k % 2 == 1)).collect();
     for (k, judged) in all.into_iter().enumerate() {
-        let (k, judged) = (k as u64, judged.map_err(|e| e.to_string())?);
+        let Some(judged) = made(judged, "none", k) else { continue };
+        let k = k as u64;
         report("none", k, &judged);
         count(&mut alarms[(k % 2) as usize], judged.drift.answer == Answer::Changed);
     }
@@ -67,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let all: Vec<_> = (0..changed as usize).into_par_iter().map(of_order).collect();
     for (k, judged) in all.into_iter().enumerate() {
         let (effect, other_motion) = order(k);
-        let judged = judged.map_err(|e| e.to_string())?;
+        let Some(judged) = made(judged, effect, k) else { continue };
         report(effect, k as u64, &judged);
         let is_found = judged.drift.answer == Answer::Changed;
         match judged.visible {
@@ -90,6 +91,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+/// A pair; one that could not be made is reported, and counts as none.
+fn made(pair: Result<PairResult, Failure>, effect: &str, index: usize) -> Option<PairResult> {
+    pair.inspect_err(|e| println!("{effect} {index}: not made: {e}")).ok()
+}
+
 fn count(of: &mut [usize; 2], is_hit: bool) {
     of[0] += usize::from(is_hit);
     of[1] += 1;
@@ -104,7 +110,7 @@ fn share([hits, count]: [usize; 2]) -> String {
     format!("{hits} of {count} ({:.1} %, 95 % CI {:.1} to {:.1} %)", 100.0 * p, end(-1.0), end(1.0))
 }
 
-fn judge(model: &Model, effect: Option<&str>, seed: u64, other_motion: bool) -> Result<Judged, Failure> {
+fn judge(model: &Model, effect: Option<&str>, seed: u64, other_motion: bool) -> Result<PairResult, Failure> {
     let wanted = effect.map_or(FaultRequest::Nothing, |name| FaultRequest::Effects(vec![name.into()]));
     let engine = EngineChoice::Ours;
     let request = Request { engine, wanted, motion: Motion::Mixed, down_to_unseen: effect.is_some() };
@@ -120,7 +126,7 @@ fn judge(model: &Model, effect: Option<&str>, seed: u64, other_motion: bool) -> 
     let cause = recipe.causes.first();
     let visible = cause.and_then(|cause| is_visible(cause, &found.parameters));
     let named = cause.is_some_and(|cause| found.changes().any(|c| c.effect == cause.effect));
-    Ok(Judged { drift: found, visible, named, seconds })
+    Ok(PairResult { drift: found, visible, named, seconds })
 }
 
 /// The robot of a recipe without its effect, another day: other noise, and where asked another motion.
@@ -180,7 +186,7 @@ fn read(messages: &[qv_go2::synthetic::Message]) -> Result<Run, Failure> {
     Ok(qv_recording::read_bag(vec![file], &qv_go2::wire::mapping(None))?)
 }
 
-fn report(effect: &str, index: u64, judged: &Judged) {
+fn report(effect: &str, index: u64, judged: &PairResult) {
     let drift = &judged.drift;
     let most = drift.parameters.iter().map(|p| p.p_corrected).fold(1.0, f64::min);
     println!(

@@ -118,6 +118,24 @@ struct PolicyArguments {
     policy_description: Option<PathBuf>,
 }
 
+/// The words of a command line behind `qv diagnose`.
+#[derive(clap::Parser)]
+#[command(no_binary_name = true)]
+struct DiagnoseWords {
+    #[command(flatten)]
+    diagnose: Diagnose,
+}
+
+/// Options of every command, which change no result.
+const COMMON: [&str; 5] = ["-q", "--quiet", "-v", "--verbose", "--no-config"];
+
+/// What a diagnosis read, by the words that it was typed with; `None` for those of another command.
+pub fn inputs_of(words: &[String]) -> Option<DiagnosisInputs> {
+    let mut words = words.iter().filter(|word| !COMMON.contains(&word.as_str()));
+    words.next().filter(|word| *word == "diagnose")?;
+    <DiagnoseWords as clap::Parser>::try_parse_from(words).ok().map(|typed| typed.diagnose.inputs())
+}
+
 /// What a diagnosis was made from.
 pub struct DiagnosisInputs {
     pub runs: Vec<PathBuf>,
@@ -131,7 +149,7 @@ pub struct DiagnosisInputs {
 
 impl Diagnose {
     /// What it reads, to do the like again.
-    pub fn inputs(self) -> DiagnosisInputs {
+    fn inputs(self) -> DiagnosisInputs {
         let Self { runs, reading, terrain, params, library, ground_error, seed, .. } = self;
         DiagnosisInputs { runs, reading, terrain, params, library, ground_error, seed }
     }

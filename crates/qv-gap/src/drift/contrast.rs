@@ -38,7 +38,7 @@ pub(super) struct Contrast {
 }
 
 /// The deviations of both recordings, integrated out.
-struct Shared<'m> {
+struct SharedDeviations<'m> {
     then: &'m Moments,
     now: &'m Moments,
     /// Of `P^-1 + H_tt`.
@@ -47,7 +47,7 @@ struct Shared<'m> {
     tolerated: [usize; 2],
 }
 
-impl Shared<'_> {
+impl SharedDeviations<'_> {
     /// What a change along `line` of `now` moves in the columns of both: what is left of it is the line less the deviations that look like it.
     fn without_deviations(&self, line: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let [first, second] = self.tolerated;
@@ -70,7 +70,7 @@ impl Contrast {
         let no_good = || GapError::run("sensitivities", "finite numbers", "others");
         let tolerated = [then.tolerance.len(), now.tolerance.len()];
         let factor = Cholesky::new(&precision(then, now, session)).ok_or_else(no_good)?;
-        let shared = Shared { then, now, factor, tolerated };
+        let shared = SharedDeviations { then, now, factor, tolerated };
         let residues: Vec<_> = now.lines.par_iter().map(|line| shared.without_deviations(&line.along)).collect();
         let pulled: Vec<Vec<f64>> = now.lines.par_iter().map(|line| times(&now.h, &line.along)).collect();
         let count = now.lines.len();

@@ -1,9 +1,9 @@
 //! Which parameters changed: tests of all, corrected for their number, the strongest first and the others beside it.
 
-use super::DriftPolicy;
 use super::contrast::{Along, Contrast};
 use super::moments::Line;
 use super::normal::{quantile, two_sided};
+use super::policy::DriftPolicy;
 use serde::{Deserialize, Serialize};
 
 /// Standard normal quantile of 0.95: a change that is visible is found so often.
@@ -22,7 +22,7 @@ pub enum Answer {
     /// At least one did.
     Changed,
     /// None did, but the recording shows less than the calibration did.
-    CannotTell,
+    Inconclusive,
 }
 
 /// One parameter of one part of the robot, then and now.
@@ -128,7 +128,7 @@ pub(super) fn decide(itself: &Contrast, both: &Contrast, policy: &DriftPolicy) -
     let answer = match (changed.is_empty(), not_shown.is_empty() && shows) {
         (false, _) => Answer::Changed,
         (true, true) => Answer::Same,
-        (true, false) => Answer::CannotTell,
+        (true, false) => Answer::Inconclusive,
     };
     let sentence = sentence(answer, &parameters, &not_shown, tests);
     Drift { answer, sentence, parameters, tests, alarm: policy.alarm, not_shown, levels: both.levels }
@@ -208,11 +208,11 @@ fn not_shown(
 fn sentence(answer: Answer, parameters: &[Difference], not_shown: &[String], tests: usize) -> String {
     match answer {
         Answer::Same => format!("No change: none of {tests} tested parameters differs from the calibration."),
-        Answer::CannotTell if not_shown.is_empty() => {
-            "Cannot tell: no change of any parameter would be visible in these recordings.".into()
+        Answer::Inconclusive if not_shown.is_empty() => {
+            "Inconclusive: no change of any parameter would be visible in these recordings.".into()
         }
-        Answer::CannotTell => {
-            format!("Cannot tell: no change was found, but this recording no longer shows {}.", not_shown.join(", "))
+        Answer::Inconclusive => {
+            format!("Inconclusive: no change was found, but this recording no longer shows {}.", not_shown.join(", "))
         }
         Answer::Changed => {
             let named = parameters.iter().filter(|p| p.changed).map(|p| {

@@ -1,11 +1,11 @@
 //! The calibration that a robot is compared with: what `qv diagnose` left, and the recordings that it was made from.
 
-use crate::diagnose::DiagnosisInputs;
+use super::check::hashes;
+use crate::diagnose::{DiagnosisInputs, inputs_of};
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{file_error, find_gains, model_of, open_run, parameters_of};
 use crate::provenance::provenance;
-use crate::{Cli, Command, Failure, Reading, RunArguments};
-use clap::Parser;
+use crate::{Failure, Reading, RunArguments};
 use qv_gap::Options;
 use qv_gap::inference::linearised::NullOptions;
 use qv_gap::problem::library::Effect;
@@ -17,7 +17,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// See the module.
-pub struct Calibrated {
+pub struct BaselineRobot {
     pub runs: Vec<Run>,
     pub reading: Reading,
     pub model: Model,
@@ -30,7 +30,7 @@ pub struct Calibrated {
     effort: NullOptions,
 }
 
-impl Calibrated {
+impl BaselineRobot {
     /// Opens the results of `qv diagnose` in `folder`, and its recordings: `elsewhere`, or where it read them.
     ///
     /// # Errors
@@ -62,7 +62,7 @@ impl Calibrated {
         find_gains(&mut runs, &model, &terrain, &given)?;
         let ground_error = diagnosis::ground_error(inputs.ground_error, &inputs.terrain)?;
         let files = inputs.runs.iter().map(PathBuf::as_path).chain([calibrated.as_path()]);
-        let sha256 = files.flat_map(super::hashes).collect();
+        let sha256 = files.flat_map(hashes).collect();
         Ok(Self {
             runs,
             model,
@@ -85,12 +85,9 @@ impl Calibrated {
 /// The command line that a diagnosis was made with.
 fn inputs(path: &Path, provenance: &Value) -> Result<DiagnosisInputs, Failure> {
     let words = provenance["arguments"].as_array().cloned().unwrap_or_default();
-    let words = words.iter().filter_map(Value::as_str);
-    let cli = Cli::try_parse_from(std::iter::once("qv").chain(words));
-    match cli.map(|cli| cli.command) {
-        Ok(Command::Diagnose(diagnose)) => Ok(diagnose.inputs()),
-        _ => Err(file_error(path, "provenance with the command line of `qv diagnose`", "none").into()),
-    }
+    let words: Vec<String> = words.iter().filter_map(|word| Some(word.as_str()?.to_string())).collect();
+    let none = || file_error(path, "provenance with the command line of `qv diagnose`", "none");
+    Ok(inputs_of(&words).ok_or_else(none)?)
 }
 
 /// Whether there is anything in a file of parameters: a robot without a gap has nothing to correct.

@@ -1,6 +1,6 @@
 //! Checks as JUnit XML: a suite for each recording, a case for each parameter of each effect.
 
-use super::{Check, rows};
+use super::check::{Check, rows};
 use qv_gap::drift::{Answer, Difference};
 use std::fmt::Write;
 
@@ -12,7 +12,7 @@ pub fn to_xml(checks: &[Check]) -> String {
         let rows = rows(drift);
         let failures = rows.iter().filter(|row| row.changed).count();
         let is_skipped = |row: &&&Difference| !row.changed && drift.not_shown.contains(&row.effect);
-        let skipped = rows.iter().filter(is_skipped).count() + usize::from(drift.answer == Answer::CannotTell);
+        let skipped = rows.iter().filter(is_skipped).count() + usize::from(drift.answer == Answer::Inconclusive);
         let tests = rows.len() + 1;
         _ = writeln!(
             text,
@@ -20,7 +20,7 @@ pub fn to_xml(checks: &[Check]) -> String {
             escaped(&check.run)
         );
         let verdict = match drift.answer {
-            Answer::CannotTell => format!("<skipped message=\"{}\"/>", escaped(&drift.sentence)),
+            Answer::Inconclusive => format!("<skipped message=\"{}\"/>", escaped(&drift.sentence)),
             _ => format!("<system-out>{}</system-out>", escaped(&drift.sentence)),
         };
         _ = writeln!(text, "    <testcase classname=\"drift\" name=\"recording\">{verdict}</testcase>");

@@ -1,6 +1,7 @@
 //! `qv drift`: whether a robot is the one that was calibrated.
 
 mod baseline;
+mod check;
 mod junit;
 mod page;
 
@@ -11,8 +12,9 @@ use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, RunArguments, say};
-pub use baseline::Calibrated;
-use qv_gap::drift::{Answer, Baseline, Difference, Drift, DriftPolicy};
+pub use baseline::BaselineRobot;
+use check::{Check, hashes, p_value, rows};
+use qv_gap::drift::{Baseline, DriftPolicy};
 use qv_open::diagnosis::gap_error;
 use qv_page::significant;
 use serde::{Deserialize, Serialize};
@@ -29,7 +31,7 @@ pub const EXAMPLE: &str = crate::usage::help_text!(
      \n\
      Results with --out: drift.json (all checks so far, all parameters), drift.html (parameters over days).\n\
      Recordings that DIR has checked already against this baseline are not checked again. See docs/guide/drift.md.",
-    "3 cannot tell: the recording shows less than the calibration did, or part of it was lost\n  4 changed"
+    "3 inconclusive: the recording shows less than the calibration did, or part of it was lost\n  4 changed"
 );
 
 /// Format of drift.json.
@@ -69,33 +71,6 @@ fn alarm(text: &str) -> Result<f64, String> {
     }
 }
 
-/// One recording, as it was checked.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Check {
-    /// Its path, as it was given.
-    pub run: String,
-    /// Hashes of its files.
-    pub sha256: Vec<String>,
-    /// When it begins \[ns since the epoch\]; 0 where that is not known.
-    pub start_ns: u64,
-    /// What was lost of it.
-    pub lost: Vec<String>,
-    /// What was found.
-    #[serde(flatten)]
-    pub drift: Drift,
-}
-
-impl Check {
-    fn outcome(&self) -> Outcome {
-        match self.drift.answer {
-            Answer::Changed => Outcome::Changed,
-            Answer::CannotTell => Outcome::Partial,
-            Answer::Same if !self.lost.is_empty() => Outcome::Partial,
-            Answer::Same => Outcome::Done,
-        }
-    }
-}
-
 /// drift.json.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct History {
@@ -113,7 +88,7 @@ impl DriftCheck {
             make_folder(out).map_err(|e| write_error(out, &e))?;
         }
         let runs: Vec<PathBuf> = self.runs.iter().flat_map(|run| self.recordings(run)).collect();
-        let calibrated = Calibrated::open(&self.baseline, &self.reference)?;
+        let calibrated = BaselineRobot::open(&self.baseline, &self.reference)?;
         let mut checks = self.history(&calibrated.sha256);
         let named = self.check(&runs, &calibrated, &checks)?;
         checks.retain(|old| named.iter().all(|new| new.sha256 != old.sha256));
@@ -154,7 +129,7 @@ impl DriftCheck {
         }
     }
 
-    fn check(&self, runs: &[PathBuf], calibrated: &Calibrated, known: &[Check]) -> Result<Vec<Check>, Failure> {
+    fn check(&self, runs: &[PathBuf], calibrated: &BaselineRobot, known: &[Check]) -> Result<Vec<Check>, Failure> {
         let bar = Stages::new();
         let policy = DriftPolicy { alarm: self.alarm, ..Default::default() };
         let (model, terrain, options) = (&calibrated.model, &calibrated.terrain, calibrated.options());
@@ -185,7 +160,7 @@ impl DriftCheck {
         Ok(checks)
     }
 
-    fn write(&self, calibrated: &Calibrated, named: &[Check], checks: Vec<Check>) -> Result<(), Failure> {
+    fn write(&self, calibrated: &BaselineRobot, named: &[Check], checks: Vec<Check>) -> Result<(), Failure> {
         if let Some(path) = &self.junit {
             put(path, junit::to_xml(named)).map_err(|e| write_error(path, &e))?;
         }
@@ -205,29 +180,6 @@ impl DriftCheck {
         put(&list, format!("{text}\n")).map_err(|e| write_error(&list, &e))?;
         Ok(())
     }
-}
-
-/// Hashes of the files of a recording.
-fn hashes(path: &Path) -> Vec<String> {
-    let found = provenance([path]);
-    let inputs = found["inputs"].as_array().cloned().unwrap_or_default();
-    inputs.iter().filter_map(|input| Some(input["sha256"].as_str()?.to_string())).collect()
-}
-
-/// Parameters of a table: those that changed, and of every other effect the one with the least p.
-fn rows(drift: &Drift) -> Vec<&Difference> {
-    let mut rows: Vec<&Difference> = drift.changes().collect();
-    let mut others: Vec<&Difference> = Vec::new();
-    for one in drift.parameters.iter().filter(|p| !p.changed) {
-        match others.iter_mut().find(|o| o.effect == one.effect && o.parameter == one.parameter) {
-            Some(other) if one.p < other.p => *other = one,
-            Some(_) => {}
-            None => others.push(one),
-        }
-    }
-    others.sort_by(|a, b| a.p.total_cmp(&b.p));
-    rows.extend(others);
-    rows
 }
 
 /// Rows on a terminal.
@@ -274,8 +226,4 @@ fn text(check: &Check) -> String {
         _ = writeln!(text, "and {} more effects without a change", all.len() + 1 - table.len());
     }
     text
-}
-
-fn p_value(p: f64) -> String {
-    if p < 1e-4 { "< 0.0001".into() } else { format!("{p:.4}") }
 }

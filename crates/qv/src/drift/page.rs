@@ -1,6 +1,6 @@
 //! The history of a robot as a page: each parameter over days, and the last check as a table.
 
-use super::{Check, p_value, rows};
+use super::check::{Check, p_value, rows};
 use qv_gap::drift::{Answer, Difference};
 use qv_page::parts::{self, Mood};
 use qv_page::{Board, Choice, Look, Page, Panel, Table, escape, significant};
@@ -23,7 +23,7 @@ fn name_of(answer: Answer) -> (&'static str, Mood) {
     match answer {
         Answer::Same => ("same", Mood::Good),
         Answer::Changed => ("changed", Mood::Bad),
-        Answer::CannotTell => ("cannot tell", Mood::Fair),
+        Answer::Inconclusive => ("inconclusive", Mood::Fair),
     }
 }
 

@@ -11,7 +11,7 @@ const LATE: f64 = 0.8;
 
 /// What the checks of the last seconds found.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Checked {
+pub struct CheckResult {
     /// What is wrong, a line each.
     pub faults: Vec<String>,
     /// What each channel was compared with and what came of it.
@@ -33,7 +33,7 @@ impl Topics {
     }
 
     /// The page as it is now.
-    pub fn to_html(&mut self, title: &str, health: &Health, checked: &Checked) -> String {
+    pub fn to_html(&mut self, title: &str, health: &Health, checked: &CheckResult) -> String {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
         let heads = ["topic", "rate [Hz]", "messages", "lost", "refused", "writers", "longest gap [s]"];
         let mut table = Table::with_left(&heads, &[0]);

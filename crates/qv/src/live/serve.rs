@@ -13,13 +13,13 @@ const LINE: u64 = 8192;
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// What the page shows now.
-pub type Shown = Arc<Mutex<String>>;
+pub type PageText = Arc<Mutex<String>>;
 
 /// Serves `shown` from a thread of its own. Returns the address.
 ///
 /// # Errors
 /// The port is taken.
-pub fn serve(port: u16, shown: Shown) -> io::Result<SocketAddr> {
+pub fn serve(port: u16, shown: PageText) -> io::Result<SocketAddr> {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
     let address = listener.local_addr()?;
     thread::spawn(move || {
@@ -31,7 +31,7 @@ pub fn serve(port: u16, shown: Shown) -> io::Result<SocketAddr> {
     Ok(address)
 }
 
-fn answer(mut stream: TcpStream, shown: &Shown) -> io::Result<()> {
+fn answer(mut stream: TcpStream, shown: &PageText) -> io::Result<()> {
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
     let mut line = String::new();
@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn the_page_is_served_on_loopback_and_asks_again() {
-        let shown: Shown = Arc::new(Mutex::new("<h1>first</h1>".into()));
+        let shown: PageText = Arc::new(Mutex::new("<h1>first</h1>".into()));
         let address = serve(0, shown.clone()).unwrap();
         assert!(address.ip().is_loopback());
         let text = ask(address, "GET / HTTP/1.1\r\n\r\n");

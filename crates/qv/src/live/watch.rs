@@ -39,8 +39,8 @@ impl Watch {
 
 #[cfg(feature = "live")]
 mod checks {
-    use super::super::page::Checked;
-    use crate::drift::Calibrated;
+    use super::super::page::CheckResult;
+    use crate::drift::BaselineRobot;
     use qv_gap::drift::{Answer, Baseline, DriftPolicy};
     use qv_recording::conventions::table;
     use qv_recording::{Run, derive};
@@ -52,13 +52,13 @@ mod checks {
     pub struct Checker {
         runs: SyncSender<Run>,
         /// What was found last.
-        pub found: Arc<Mutex<(Checked, Option<Answer>)>>,
+        pub found: Arc<Mutex<(CheckResult, Option<Answer>)>>,
     }
 
     impl Checker {
-        pub fn new(calibrated: Option<Calibrated>) -> Self {
+        pub fn new(calibrated: Option<BaselineRobot>) -> Self {
             let (runs, inbox) = sync_channel(1);
-            let found = Arc::new(Mutex::new((Checked::default(), None)));
+            let found = Arc::new(Mutex::new((CheckResult::default(), None)));
             let shared = found.clone();
             thread::spawn(move || check_all(&inbox, calibrated, &shared));
             Self { runs, found }
@@ -72,7 +72,11 @@ mod checks {
         }
     }
 
-    fn check_all(inbox: &Receiver<Run>, calibrated: Option<Calibrated>, shared: &Mutex<(Checked, Option<Answer>)>) {
+    fn check_all(
+        inbox: &Receiver<Run>,
+        calibrated: Option<BaselineRobot>,
+        shared: &Mutex<(CheckResult, Option<Answer>)>,
+    ) {
         let mut baseline = None;
         for run in inbox {
             let faults = run.faults.iter().map(|f| format!("{}: {}, {}", f.channel, f.kind, f.detail)).collect();
@@ -89,12 +93,16 @@ mod checks {
             };
             if let Ok(mut shared) = shared.lock() {
                 let answer = answer.or(shared.1);
-                *shared = (Checked { faults, conventions, drift }, answer);
+                *shared = (CheckResult { faults, conventions, drift }, answer);
             }
         }
     }
 
-    fn drift(run: &Run, calibrated: &Calibrated, baseline: &mut Option<Baseline>) -> (Option<String>, Option<Answer>) {
+    fn drift(
+        run: &Run,
+        calibrated: &BaselineRobot,
+        baseline: &mut Option<Baseline>,
+    ) -> (Option<String>, Option<Answer>) {
         let (model, terrain, options) = (&calibrated.model, &calibrated.terrain, calibrated.options());
         if baseline.is_none() {
             match Baseline::new(&calibrated.runs, model, terrain, &options, &DriftPolicy::default()) {
@@ -134,7 +142,7 @@ impl Watch {
         use std::sync::{Arc, Mutex};
         use std::time::{Duration, Instant};
         let calibrated =
-            self.baseline.as_ref().map(|folder| crate::drift::Calibrated::open(folder, &[])).transpose()?;
+            self.baseline.as_ref().map(|folder| crate::drift::BaselineRobot::open(folder, &[])).transpose()?;
         let mut listener = Listener::new(&self.listening)?;
         let shown = Arc::new(Mutex::new(String::new()));
         let address =
