@@ -8,9 +8,11 @@ const IRREGULAR: [&str; 26] = [
     "Told", "Kept", "Seen", "Sees", "Says", "Said", "Found", "Made", "Known", "Lost", "Left", "Held", "Taught",
     "Learnt", "Sent", "Built", "Met", "Meant", "Brought", "Bound", "Cut", "Put", "Read", "Ran", "Gone", "Done",
 ];
-/// Nouns that end like participles.
-const NOUNS: [&str; 13] =
-    ["Seed", "Speed", "Feed", "Bed", "Token", "Screen", "Golden", "Garden", "Siren", "Pen", "Need", "Ten", "Open"];
+/// Nouns that end like participles, and a name of RustDDS.
+const NOUNS: [&str; 14] = [
+    "Seed", "Speed", "Feed", "Bed", "Token", "Screen", "Golden", "Garden", "Siren", "Pen", "Need", "Ten", "Open",
+    "Decoded",
+];
 /// Words of our own for what the field calls otherwise, and its word.
 const OWN_WORDS: [(&str, &str); 3] = [("told", "remarks"), ("tell", "report"), ("tells", "reports")];
 
