@@ -30,7 +30,8 @@ pub const EXAMPLE: &str = crate::usage::help_text!(
      \x20 qv drift today.mcap --baseline out/why --out out/drift --junit out/drift.xml\n\
      \n\
      Results with --out: drift.json (all checks so far, all parameters), drift.html (parameters over days).\n\
-     Recordings that DIR has checked already against this baseline are not checked again. See docs/guide/drift.md.",
+     Recordings that DIR has checked already against this baseline are not checked again. Repeat the\n\
+     motion of the calibration: with another one false alarms are frequent. See docs/guide/drift.md.",
     "3 inconclusive: the recording shows less than the calibration did, or part of it was lost\n  4 changed"
 );
 
