@@ -191,7 +191,7 @@ pub fn address_of(interface: &str) -> Result<IpAddr, LiveError> {
     let found = addresses.iter().find(|(name, _)| name == interface);
     found.map(|(_, address)| (*address).into()).ok_or_else(|| {
         let names: Vec<&str> = addresses.iter().map(|(name, _)| name.as_str()).collect();
-        let reason = format!("no such interface with an IPv4 address; there are lo, {}", names.join(", "));
+        let reason = format!("no such interface with an IPv4 address; there are {}", names.join(", "));
         LiveError::Interface { interface: interface.into(), reason }
     })
 }
