@@ -5,7 +5,7 @@ use qv_live::{Health, Recorder, Sample, subscriptions};
 use std::io::Cursor;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let robot = qv_live::qv_recording::robots::built_in("go2").ok_or("a robot of that name")?;
+    let robot = qv_recording::robots::built_in("go2").ok_or("a robot of that name")?;
     let all = subscriptions(&robot.mapping, &[])?;
     let subscription = all.iter().position(|s| s.topic == "/lowstate").ok_or("its low state")?;
     let (mut health, mut recorder) = (Health::new(&all)?, Recorder::new(Cursor::new(Vec::new()), &all)?);

@@ -258,7 +258,7 @@ fn factors_that_are_equal_or_inverse_are_one_cause() {
 fn nothing_steady_is_accused_of_an_arm_that_is_nearer_than_the_null() {
     let arm = |ratio: f64, extent: Option<Extent>| {
         let mut evidence = latency();
-        (evidence.is_free, evidence.level) = (false, level(ratio));
+        (evidence.is_free, evidence.level, evidence.held_out) = (false, level(ratio), [ratio, 1.0]);
         evidence.rounds[0].candidates[0].extent = extent;
         let held_out = evidence.rounds[0].candidates[0].held_out.as_mut().unwrap();
         held_out.falls = vec![0.5; 3];

@@ -249,7 +249,7 @@ fn what_a_training_cannot_use_is_named() {
     let (code, _, err) = qv(&folder, &format!("navigate test weights.bin {VIEW} --out scene.ply"));
     assert!(code == 1 && err.states("scene.ply"), "{err}");
     let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --robots 5000000 --out many"));
-    assert_eq!(code, 1, "{err}");
+    assert_eq!(code, 2, "{err}");
     assert!(err.states("robots 1 100000"), "{err}");
     let err = train("--walk nowhere/policy.onnx");
     assert!(err.contains("nowhere/policy.onnx"), "{err}");
