@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let start = standing(&model, &description);
     let mut policy = OnnxPolicy::from_bytes(&std::fs::read(policy)?)?;
-    let rolled = roll(&mut batch, &description, &start, [forward, left, turn], seconds, |observation| {
+    let rolled = roll(&mut batch, &description, &start, ([forward, left, turn], seconds), &[], |observation| {
         let mut action = Vec::new();
         policy.run(observation, &mut action).map(|()| action)
     })?;

@@ -6,7 +6,7 @@ use crate::clean::{Samples, columns, median_interval, put_in_order};
 use crate::container::read_messages;
 use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping, state_stream};
 use crate::run::{Base, Clock, Commands, Fault, FaultKind, Loss, Robot, Run, Source};
-use crate::stream::{ChannelInfo, MessageSink};
+use crate::stream::{ChannelInfo, MessageSink, Times};
 use crate::topic::{Collector, SECOND, Topic};
 use crate::{RecordingError, faults, gains, imu};
 use qv_core::statistics::median;
@@ -69,7 +69,7 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     let mut evened = Vec::new();
     for (topic, clock) in collector.topics.iter_mut().zip(&clocks) {
         let stamps = if *clock == Clock::Header { &mut topic.stamps } else { &mut topic.logged };
-        evened.extend(even_out(stamps, &topic.ticks).map(|how| format!("{}: {how}", topic.info.topic)));
+        evened.extend(even_out(stamps, &topic.sender).map(|how| format!("{}: {how}", topic.info.topic)));
     }
     let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
     let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
@@ -209,8 +209,8 @@ impl MessageSink for Collectors<'_> {
         self.0.iter_mut().for_each(|c| c.channel(channel));
     }
 
-    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]) {
-        self.0.iter_mut().for_each(|c| c.message(channel, log_time, data));
+    fn message(&mut self, channel: u16, times: Times, data: &[u8]) {
+        self.0.iter_mut().for_each(|c| c.message(channel, times, data));
     }
 }
 

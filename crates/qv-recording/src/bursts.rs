@@ -11,9 +11,18 @@ const GAP: f64 = 10.0;
 const RATES: [f64; 12] = [1000.0, 500.0, 400.0, 333.333_333, 250.0, 200.0, 125.0, 100.0, 60.0, 50.0, 30.0, 25.0];
 const NEAR: f64 = 0.015;
 
-/// Puts stamps \[ns\] where messages that came in bursts were sent, and says how: by the sender's count of milliseconds `ticks` where each message
-/// has one, else on even times. The last message of a burst is the least delayed, so that the line through those is where all were sent.
-pub(crate) fn even_out(stamps: &mut [i64], ticks: &[f64]) -> Option<String> {
+/// What messages say of the time of their sender, one number per message each.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Sender {
+    /// When it sent them by the file (MCAP's `publish_time`) \[ns\]; when they were logged where it does not know.
+    pub sent: Vec<i64>,
+    /// Its count of milliseconds in each message; empty where messages have none.
+    pub ticks: Vec<f64>,
+}
+
+/// Puts stamps \[ns\] where messages that came in bursts were sent, and says how: by the time of their sender where there is one, else on even times.
+/// The last message of a burst is the least delayed, so that the line through those is where all were sent.
+pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<String> {
     if stamps.len() < LEAST || stamps.windows(2).any(|w| w[1] < w[0]) {
         return None;
     }
@@ -30,9 +39,12 @@ pub(crate) fn even_out(stamps: &mut [i64], ticks: &[f64]) -> Option<String> {
         stamps.len() as f64 / ends.len() as f64,
         1e-6 * burst
     );
-    if let Some(sent) = sent_at(stamps, ticks) {
-        stamps.copy_from_slice(&sent);
-        return Some(format!("{came}: their times are those of the sender's `tick`"));
+    let ticks: Vec<i64> = sender.ticks.iter().map(|tick| (1e6 * tick) as i64).collect();
+    for (clock, name) in [(&sender.sent, "`publish_time`"), (&ticks, "`tick`")] {
+        if let Some(sent) = sent_at(stamps, clock) {
+            stamps.copy_from_slice(&sent);
+            return Some(format!("{came}: their times are those of the sender's {name}"));
+        }
     }
     let mut start = 0;
     let breaks: Vec<usize> =
@@ -44,21 +56,25 @@ pub(crate) fn even_out(stamps: &mut [i64], ticks: &[f64]) -> Option<String> {
     Some(format!("{came}: their stamps are evened out"))
 }
 
-/// When messages were sent by a count of milliseconds, on the clock of their stamps \[ns\]; `None` where the count is no clock: each message has
-/// its own, and it runs no faster or slower than stamps do. Messages of a burst may be logged in another order than they were sent in.
-fn sent_at(stamps: &[i64], ticks: &[f64]) -> Option<Vec<i64>> {
-    let mut sorted = ticks.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let is_own = ticks.len() == stamps.len() && sorted.windows(2).all(|w| w[1] > w[0]);
-    let span = (stamps[stamps.len() - 1] - stamps[0]) as f64;
-    let counted = is_own.then(|| 1e6 * (sorted[sorted.len() - 1] - sorted[0]))?;
-    if (counted / span - 1.0).abs() > NEAR {
+/// When messages were sent by a clock of their sender, on the clock of their stamps \[ns\]; `None` where it is no clock of its own: each message has
+/// its time, they are no bursts, and it runs no faster or slower than stamps do. Messages of a burst may be logged in another order than they were
+/// sent in.
+fn sent_at(stamps: &[i64], clock: &[i64]) -> Option<Vec<i64>> {
+    let mut sorted = clock.to_vec();
+    sorted.sort_unstable();
+    if clock.len() != stamps.len() || clock == stamps || sorted.windows(2).any(|w| w[1] <= w[0]) {
         return None;
     }
-    let sent = |i: usize| (1e6 * (ticks[i] - ticks[0])) as i64;
+    let span = (stamps[stamps.len() - 1] - stamps[0]) as f64;
+    let counted = (sorted[sorted.len() - 1] - sorted[0]) as f64;
+    let mean = counted / (sorted.len() - 1) as f64;
+    let close = sorted.windows(2).filter(|w| ((w[1] - w[0]) as f64) < CLOSE * mean).count();
+    if (counted / span - 1.0).abs() > NEAR || close as f64 > OFTEN * (sorted.len() - 1) as f64 {
+        return None;
+    }
     // No message came before it was sent.
-    let start = (0..stamps.len()).map(|i| stamps[i] - sent(i)).min()?;
-    Some((0..stamps.len()).map(|i| start + sent(i)).collect())
+    let start = (0..stamps.len()).map(|i| stamps[i] - clock[i]).min()?;
+    Some(clock.iter().map(|time| start + time).collect())
 }
 
 /// The line through the ends of bursts, of a piece without gaps that begins at `first`.
@@ -97,7 +113,7 @@ mod tests {
     fn bursts_are_put_where_they_were_sent() {
         for burst in [10, 20, 60] {
             let mut stamps = logged(burst);
-            let said = even_out(&mut stamps, &[]).unwrap();
+            let said = even_out(&mut stamps, &Sender::default()).unwrap();
             assert!(said.contains("bursts"), "{said}");
             let late = |i: usize| (stamps[i] - 2_000_000 * i as i64).abs();
             assert!((0..1000).all(|i| late(i) < 1_500_000), "{burst} {:?}", (0..1000).map(late).max());
@@ -108,35 +124,45 @@ mod tests {
     fn even_and_jittered_stamps_stay() {
         let mut jittered: Vec<i64> = (0..1000).map(|i| 2_000_000 * i + (i * 7919 % 13) * 60_000).collect();
         let before = jittered.clone();
-        assert_eq!((even_out(&mut jittered, &[]), jittered), (None, before));
+        assert_eq!((even_out(&mut jittered, &Sender::default()), jittered), (None, before));
     }
 
-    /// A count tells what was lost between bursts, which even times do not; one that stands still is no clock.
+    /// A clock of the sender tells what was lost between bursts, which even times do not; one that stands still is no clock.
     #[test]
-    fn the_count_of_the_sender_is_its_clock() {
+    fn the_time_of_the_sender_is_taken_where_there_is_one() {
         let kept: Vec<usize> = (0..1000).filter(|i| i % 7 != 3 || *i < 300).collect();
         let all = logged(20);
-        let mut stamps: Vec<i64> = kept.iter().map(|&i| all[i]).collect();
+        let before: Vec<i64> = kept.iter().map(|&i| all[i]).collect();
         let ticks: Vec<f64> = kept.iter().map(|&i| 5000.0 + 2.0 * i as f64).collect();
-        let before = stamps.clone();
-        assert!(even_out(&mut stamps, &ticks).unwrap().contains("tick"));
-        let late = |k: usize| (stamps[k] - 2_000_000 * kept[k] as i64).abs();
-        assert!((0..kept.len()).all(|k| late(k) < 1_500_000), "{:?}", (0..kept.len()).map(late).max());
-        // A burst whose messages are logged the other way round.
-        let mut turned = before.clone();
-        let mut of_turned = ticks.clone();
-        of_turned[1..11].reverse();
-        even_out(&mut turned, &of_turned).unwrap();
-        assert_eq!((turned[1], turned[10], turned[11..] == stamps[11..]), (stamps[10], stamps[1], true));
+        let sent: Vec<i64> = kept.iter().map(|&i| 7_000_000_000 + 2_000_000 * i as i64).collect();
+        let by_tick = Sender { ticks: ticks.clone(), sent: before.clone() };
+        let by_file = Sender { ticks: Vec::new(), sent };
+        for (sender, name) in [(by_tick, "tick"), (by_file, "publish_time")] {
+            let mut stamps = before.clone();
+            assert!(even_out(&mut stamps, &sender).unwrap().contains(name));
+            let late = |k: usize| (stamps[k] - 2_000_000 * kept[k] as i64).abs();
+            assert!((0..kept.len()).all(|k| late(k) < 1_500_000), "{:?}", (0..kept.len()).map(late).max());
+            // A burst whose messages are logged the other way round.
+            let mut of_turned = sender.clone();
+            if sender.ticks.is_empty() {
+                of_turned.sent[1..11].reverse()
+            } else {
+                of_turned.ticks[1..11].reverse()
+            }
+            let mut turned = before.clone();
+            even_out(&mut turned, &of_turned).unwrap();
+            assert_eq!((turned[1], turned[10], turned[11..] == stamps[11..]), (stamps[10], stamps[1], true));
+        }
+        let still = Sender { ticks: vec![7.0; kept.len()], sent: before.clone() };
         let mut without = before;
-        assert!(even_out(&mut without, &vec![7.0; kept.len()]).unwrap().contains("evened"));
+        assert!(even_out(&mut without, &still).unwrap().contains("evened"));
     }
 
     #[test]
     fn a_gap_stays_a_gap() {
         let mut stamps = logged(20);
         stamps[500..].iter_mut().for_each(|s| *s += 3_000_000_000);
-        even_out(&mut stamps, &[]).unwrap();
+        even_out(&mut stamps, &Sender::default()).unwrap();
         assert!((stamps[500] - stamps[499] - 3_002_000_000).abs() < 21_000_000);
     }
 }

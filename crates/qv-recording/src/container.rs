@@ -2,7 +2,7 @@
 
 use crate::bounds::Bounds;
 use crate::run::Loss;
-use crate::stream::{MessageSink, read_mcap};
+use crate::stream::{MessageSink, Times, read_mcap};
 use std::io::{Cursor, Read};
 
 /// First bytes of what zstd compressed.
@@ -74,18 +74,19 @@ impl MessageSink for Plain<'_> {
         self.sink.channel(channel);
     }
 
-    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]) {
+    fn message(&mut self, channel: u16, times: Times, data: &[u8]) {
         if !data.starts_with(&ZSTD) {
-            return self.sink.message(channel, log_time, data);
+            return self.sink.message(channel, times, data);
         }
         self.bytes.clear();
         let read = zstd::stream::read::Decoder::new(data)
             .and_then(|decoder| self.bounds.limit(decoder.take(MAX_MESSAGE)).read_to_end(&mut self.bytes));
         match read {
-            Ok(_) => self.sink.message(channel, log_time, &self.bytes),
+            Ok(_) => self.sink.message(channel, times, &self.bytes),
             Err(error) => {
                 self.damaged.get_or_insert(format!(
-                    "a message at {log_time} ns is no whole zstd frame that can be read: {error}"
+                    "a message at {} ns is no whole zstd frame that can be read: {error}",
+                    times.logged
                 ));
             }
         }
@@ -97,8 +98,8 @@ pub fn first_log_time(source: impl Read) -> Option<u64> {
     struct First(Option<u64>);
     impl MessageSink for First {
         fn channel(&mut self, _: &crate::stream::ChannelInfo) {}
-        fn message(&mut self, _: u16, log_time: u64, _: &[u8]) {
-            self.0 = Some(self.0.map_or(log_time, |t| t.min(log_time)));
+        fn message(&mut self, _: u16, times: Times, _: &[u8]) {
+            self.0 = Some(self.0.map_or(times.logged, |t| t.min(times.logged)));
         }
     }
     let mut first = First(None);

@@ -6,7 +6,7 @@ use crate::container::read_messages;
 use crate::definitions::standard;
 use crate::run::{Clock, Loss};
 use crate::schema::Schema;
-use crate::stream::{ChannelInfo, MessageSink};
+use crate::stream::{ChannelInfo, MessageSink, Times};
 use std::collections::BTreeMap;
 use std::io::Read;
 
@@ -140,7 +140,7 @@ impl MessageSink for Collector {
         self.channels.insert(channel.id, (channel.topic.clone(), channel.schema_name.clone(), schema));
     }
 
-    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]) {
+    fn message(&mut self, channel: u16, times: Times, data: &[u8]) {
         let Some((topic, type_name, schema)) = self.channels.get(&channel) else { return };
         let is_image = type_name == COMPRESSED_IMAGE;
         if is_image {
@@ -159,7 +159,7 @@ impl MessageSink for Collector {
             Ok(value) if is_image => match image(&value) {
                 Some((stamp, data)) => {
                     let topic = self.topics.get_mut(topic).expect("made above");
-                    topic.keep(log_time, stamp, data);
+                    topic.keep(times.logged, stamp, data);
                 }
                 None => self.spoilt(format!("{type_name}: expected a sequence of bytes `data`, found none")),
             },
@@ -226,6 +226,10 @@ fn camera_info(value: &Value) -> Option<CameraInfo> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn at(time: u64) -> Times {
+        Times { logged: time, sent: time }
+    }
     use crate::cdr::Writer;
 
     const IMAGE: &str = "std_msgs/Header header\nstring format\nuint8[] data\n===\nMSG: std_msgs/Header\n\
@@ -260,9 +264,9 @@ mod tests {
         collector.channel(&channel(1, "/front", COMPRESSED_IMAGE, IMAGE));
         collector.channel(&channel(2, "/info", CAMERA_INFO, INFO));
         for k in 0..2000u64 {
-            collector.message(1, START + k, &compressed(START + k - 5, &[k as u8, 7]));
+            collector.message(1, at(START + k), &compressed(START + k - 5, &[k as u8, 7]));
         }
-        collector.message(1, START + 5000, &[0, 1, 0, 0, 9]);
+        collector.message(1, at(START + 5000), &[0, 1, 0, 0, 9]);
         let mut writer = Writer::new();
         writer
             .time(START)
@@ -274,7 +278,7 @@ mod tests {
         [500.0, 0.0, 320.0, 0.0, 501.0, 240.0, 0.0, 0.0, 1.0].iter().for_each(|x| {
             writer.f64(*x);
         });
-        collector.message(2, START, &writer.finish());
+        collector.message(2, at(START), &writer.finish());
         let topic = &collector.topics["/front"];
         assert!(topic.kept.len() < MOST && topic.kept.len() > MOST / 4, "{}", topic.kept.len());
         let steps: Vec<u64> = topic.kept.windows(2).map(|w| w[1].0 - w[0].0).collect();
@@ -282,14 +286,14 @@ mod tests {
         assert_eq!((topic.kept[0].1, &topic.kept[0].2[..]), (Some(START - 5), &[0u8, 7][..]));
         let info = collector.infos.values().next().unwrap();
         assert_eq!((info.width, info.height, info.matrix[4], info.distortion[0]), (640, 480, 501.0, 0.1));
-        collector.message(1, START + 6000, &[0, 1, 0, 0, 9]);
+        collector.message(1, at(START + 6000), &[0, 1, 0, 0, 9]);
     }
 
     #[test]
     fn damage_is_counted_and_nothing_is_nothing() {
         let mut collector = Collector::default();
         collector.channel(&channel(1, "/front", COMPRESSED_IMAGE, IMAGE));
-        collector.message(1, START, &[0, 1, 0, 0, 9]);
+        collector.message(1, at(START), &[0, 1, 0, 0, 9]);
         assert_eq!(collector.damaged.as_ref().unwrap().0, 1);
         let none = read_images([BagFile { name: "x".into(), source: &b""[..] }], None);
         assert!(none.images.is_empty() && none.topics.is_empty() && !none.lost.is_empty());

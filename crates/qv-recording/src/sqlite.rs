@@ -5,7 +5,7 @@
 
 use crate::bounds::Bounds;
 use crate::run::Loss;
-use crate::stream::{ChannelInfo, MessageSink};
+use crate::stream::{ChannelInfo, MessageSink, Times};
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, Error, Row};
 use std::collections::BTreeMap;
@@ -93,7 +93,7 @@ impl Reader<'_> {
             match (channels.get(&topic), data.as_blob()) {
                 (Some(&channel), Ok(data)) => {
                     let time = u64::try_from(time).unwrap_or(0);
-                    self.sink.message(channel, time, data);
+                    self.sink.message(channel, Times { logged: time, sent: time }, data);
                     self.last = Some(time);
                 }
                 _ => foreign += 1,
@@ -195,7 +195,7 @@ mod tests {
         struct Sum(usize);
         impl MessageSink for Sum {
             fn channel(&mut self, _: &ChannelInfo) {}
-            fn message(&mut self, _: u16, _: u64, data: &[u8]) {
+            fn message(&mut self, _: u16, _: Times, data: &[u8]) {
                 self.0 += data.len();
             }
         }

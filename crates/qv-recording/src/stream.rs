@@ -11,12 +11,19 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 
+/// When a message was logged, and when it was sent as far as the file says \[ns\]; both are one where it says no more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Times {
+    pub logged: u64,
+    pub sent: u64,
+}
+
 /// What the reader hands on.
 pub(crate) trait MessageSink {
     /// A channel is announced, once.
     fn channel(&mut self, channel: &ChannelInfo);
     /// A message came.
-    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]);
+    fn message(&mut self, channel: u16, times: Times, data: &[u8]);
 }
 
 /// A channel of a file with its schema.
@@ -111,7 +118,7 @@ struct State<'a> {
     last_time: u64,
     /// Messages whose channel is not announced yet: its record may have been in a damaged chunk, and comes again at the
     /// end of the file.
-    waiting: BTreeMap<u16, Vec<(u64, Vec<u8>)>>,
+    waiting: BTreeMap<u16, Vec<(Times, Vec<u8>)>>,
     waiting_bytes: usize,
     full: bool,
     /// Channels whose definition was one too many.
@@ -326,19 +333,20 @@ impl State<'_> {
         }
         let (schema_name, schema_encoding, schema_text) = schema.cloned().unwrap_or_default();
         self.sink.channel(&ChannelInfo { id, topic, message_encoding, schema_name, schema_encoding, schema_text });
-        for (log_time, data) in self.waiting.remove(&id).unwrap_or_default() {
-            self.sink.message(id, log_time, &data);
+        for (times, data) in self.waiting.remove(&id).unwrap_or_default() {
+            self.sink.message(id, times, &data);
         }
         Some(())
     }
 
     fn message(&mut self, header: &MessageHeader, data: &[u8]) {
         self.last_time = self.last_time.max(header.log_time);
+        let times = Times { logged: header.log_time, sent: header.publish_time };
         if self.channels.contains(&header.channel_id) {
-            self.sink.message(header.channel_id, header.log_time, data);
+            self.sink.message(header.channel_id, times, data);
         } else if self.waiting_bytes + data.len() <= MAX_WAITING {
             self.waiting_bytes += data.len() + WAITING_HEAD;
-            self.waiting.entry(header.channel_id).or_default().push((header.log_time, data.to_vec()));
+            self.waiting.entry(header.channel_id).or_default().push((times, data.to_vec()));
         } else if !self.full {
             self.full = true;
             let text = format!("more than {MAX_WAITING} bytes of messages whose channel is not announced");
@@ -349,7 +357,7 @@ impl State<'_> {
     /// At the end of the file: what still waits is lost, channel by channel.
     fn give_up_waiting(&mut self) {
         for (channel, messages) in std::mem::take(&mut self.waiting) {
-            let times = || messages.iter().map(|(time, _)| *time);
+            let times = || messages.iter().map(|(times, _)| times.logged);
             let span = times().min().zip(times().max()).map(|(from, to)| [from, to]);
             let text = format!("{} messages of channel {channel}, which was never announced", messages.len());
             self.lose(text, span);

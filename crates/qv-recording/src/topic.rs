@@ -1,13 +1,14 @@
 //! What was read of the topics of a bag.
 
 use crate::RecordingError;
+use crate::bursts::Sender;
 use crate::cdr::Cursor;
 use crate::definitions::standard;
 use crate::mapping::{Mapping, MessageMapping, stream_of};
 use crate::named::NamedJoints;
 use crate::plan::{FieldSelection, Plan};
 use crate::schema::Schema;
-use crate::stream::{ChannelInfo, MessageSink};
+use crate::stream::{ChannelInfo, MessageSink, Times};
 use std::collections::BTreeMap;
 
 /// Nanoseconds in a second.
@@ -33,9 +34,9 @@ pub(crate) struct Topic {
     pub refused: Option<String>,
     pub has_header: bool,
     pub stamps: Vec<i64>,
-    /// The sender's own count of milliseconds, one per message; none where messages have no [`TICK`].
+    /// Whether messages have a [`TICK`], and what their sender says of its time.
     pub has_ticks: bool,
-    pub ticks: Vec<f64>,
+    pub sender: Sender,
     pub rows: Vec<f64>,
     pub row: Vec<f64>,
     pub errors: usize,
@@ -71,11 +72,17 @@ impl MessageSink for Collector<'_> {
         self.by_id.insert(channel.id, index);
     }
 
-    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]) {
+    fn message(&mut self, channel: u16, times: Times, data: &[u8]) {
         let Some(&index) = self.by_id.get(&channel) else { return };
         let place = self.messages;
         self.messages = self.messages.saturating_add(1);
-        self.topics[index].message(place, i64::try_from(log_time).unwrap_or(i64::MAX), data);
+        let [logged, sent] = [times.logged, times.sent].map(|t| i64::try_from(t).unwrap_or(i64::MAX));
+        let topic = &mut self.topics[index];
+        let before = topic.logged.len();
+        topic.message(place, logged, data);
+        if topic.logged.len() > before {
+            topic.sender.sent.push(sent);
+        }
     }
 }
 
@@ -105,7 +112,7 @@ impl Topic {
             has_header: false,
             stamps: Vec::new(),
             has_ticks: false,
-            ticks: Vec::new(),
+            sender: Sender::default(),
             rows: Vec::new(),
             row: Vec::new(),
             errors: 0,
@@ -215,7 +222,7 @@ impl Topic {
         let width = self.width();
         match self.row[width..] {
             [sec, nanosec] => self.stamps.push(sec as i64 * SECOND + nanosec as i64),
-            [tick] => self.ticks.push(tick),
+            [tick] => self.sender.ticks.push(tick),
             _ => {}
         }
         self.rows.extend_from_slice(&self.row[..width]);

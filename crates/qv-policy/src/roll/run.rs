@@ -32,9 +32,9 @@ pub struct RollTrace {
     pub actions: Vec<Vec<f64>>,
 }
 
-/// Rolls `policy` from `start` for `duration` \[s\] under `command`: forward, left \[m/s\], counter-clockwise \[rad/s\].
+/// Rolls `policy` from `start` under `command`, forward, left \[m/s\], counter-clockwise \[rad/s\], for `duration` \[s\].
 /// Environment 0 of `batch` is the robot; others are stepped along. Torque limits and joint parameters of the
-/// description are set on it; the ground's friction and the time step are the batch's own, and the step must be the
+/// description are set on it, then `parameters`: what was calibrated wins; the ground's friction and the time step are the batch's own, and the step must be the
 /// description's.
 ///
 /// # Errors
@@ -44,8 +44,8 @@ pub fn roll<E: std::fmt::Display>(
     batch: &mut Batch<f64>,
     description: &Description,
     start: &State,
-    command: [f64; 3],
-    duration: f64,
+    (command, duration): ([f64; 3], f64),
+    parameters: &[(String, f64)],
     mut policy: impl FnMut(&[f32]) -> Result<Vec<f32>, E>,
 ) -> Result<RollTrace, RollError> {
     if !(0.0..=1e6).contains(&duration) {
@@ -58,6 +58,7 @@ pub fn roll<E: std::fmt::Display>(
     }
     let map = Map::new(batch.model(), description)?;
     set_up(batch, description, &map)?;
+    parameters.iter().try_for_each(|(name, value)| batch.set_parameter(0, name, *value))?;
     batch.set_state(0, start)?;
     let (mut observer, mut rolled) = (Observer::new(description), RollTrace::default());
     let count = description.joints.len();

@@ -73,7 +73,7 @@ fn they_walk_here_as_in_mujoco() {
         let mut batch = batch(&model, &description);
         let mut policy = OnnxPolicy::from_bytes(&std::fs::read(&file).unwrap()).unwrap();
         let rolled =
-            roll(&mut batch, &description, &standing(&model, &description), COMMAND, DURATION, |observation| {
+            roll(&mut batch, &description, &standing(&model, &description), (COMMAND, DURATION), &[], |observation| {
                 let mut action = Vec::new();
                 policy.run(observation, &mut action).map(|()| action)
             })

@@ -67,7 +67,7 @@ fn action_zero_stands() {
             assert_eq!(observation.len(), description.observations());
             Ok(vec![0.0; 12])
         };
-        let rolled = roll(&mut batch, &description, &start, [0.0; 3], 2.0, zeros).unwrap();
+        let rolled = roll(&mut batch, &description, &start, ([0.0; 3], 2.0), &[], zeros).unwrap();
         assert_eq!((rolled.time.len(), rolled.observations.len()), (101, 100));
         let end = rolled.base.last().unwrap();
         assert!(end[0].hypot(end[1]) < 0.03 && end[2] > 0.2 && end[3] > 0.999, "{name}: {end:?}");
@@ -88,8 +88,13 @@ fn action_zero_stands() {
             let spring = description.kp.at(k) * (description.stand[k] - joints[k]);
             assert!(torques[k].abs() > 1.0 && (torques[k] - spring).abs() < 0.1, "{name}: {} {spring}", torques[k]);
         }
-        let repeated = roll(&mut batch, &description, &start, [0.0; 3], 2.0, zeros).unwrap();
+        let repeated = roll(&mut batch, &description, &start, ([0.0; 3], 2.0), &[], zeros).unwrap();
         assert_eq!(repeated, rolled, "{name}: a second roll gives the same bits");
+        // What was calibrated wins over what the description says.
+        let weak = [("actuator.*.torque_limit".replace('*', &description.joints[2]), 0.5)];
+        let limited = roll(&mut batch, &description, &start, ([0.0; 3], 0.2), &weak, zeros).unwrap();
+        assert!(limited.torques.iter().all(|torques| torques[2].abs() <= 0.5 + 1e-9), "{name}");
+        assert!(rolled.torques.iter().any(|torques| torques[2].abs() > 1.0), "{name}");
     }
 }
 
@@ -219,14 +224,14 @@ fn what_goes_wrong_in_a_roll_is_named() {
     let mut batch = batch(&model, &description);
     let rolled = |batch: &mut Batch<f64>, command: [f64; 3], duration: f64| {
         let zeros = |_: &[f32]| Ok::<_, RollError>(vec![0.0; 12]);
-        roll(batch, &description, &start, command, duration, zeros).unwrap_err().to_string()
+        roll(batch, &description, &start, (command, duration), &[], zeros).unwrap_err().to_string()
     };
     let found = rolled(&mut batch, [0.0; 3], f64::INFINITY);
     assert_eq!(found, "duration of a roll: expected 0 to 1e6 s, found inf");
     let found = rolled(&mut batch, [0.0, f64::NAN, 0.0], 1.0);
     assert_eq!(found, "commanded velocity: expected finite numbers, found NaN");
     let mut refused = |description: &Description, action: Result<Vec<f32>, String>| {
-        roll(&mut batch, description, &start, [0.0; 3], 1.0, |_| action.clone()).unwrap_err().to_string()
+        roll(&mut batch, description, &start, ([0.0; 3], 1.0), &[], |_| action.clone()).unwrap_err().to_string()
     };
     assert_eq!(
         refused(&description, Ok(vec![0.0; 11])),

@@ -57,10 +57,7 @@ pub fn judge(
     let mut all = GaitMeter::new(&scale, robot.feet.len());
     for (k, command) in COMMANDS.into_iter().enumerate() {
         let mut batch = Batch::<f64>::new(&robot.model, &ground.terrain, &options, 1)?;
-        for (name, value) in parameters {
-            batch.set_parameter(0, name, *value)?;
-        }
-        let rolled = roll(&mut batch, &description, &start, command, seconds, |observation| {
+        let rolled = roll(&mut batch, &description, &start, (command, seconds), parameters, |observation| {
             let mut action = Vec::new();
             policy.run(observation, &mut action).map(|()| action)
         });

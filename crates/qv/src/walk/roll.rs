@@ -59,7 +59,7 @@ impl Roll {
         let ground = terrain.height_below(0.0, 0.0, 1e6).unwrap_or(0.0);
         let start = standing(&model, &description, ground);
         let wanted = self.command.map(f64::from);
-        let rolled = roll(&mut batch, &description, &start, wanted, self.seconds, |observation| {
+        let rolled = roll(&mut batch, &description, &start, (wanted, self.seconds), &[], |observation| {
             let mut action = Vec::new();
             policy.run(observation, &mut action).map(|()| action)
         })?;

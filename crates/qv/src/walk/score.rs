@@ -119,6 +119,9 @@ impl ScoreArguments {
             Some(file) => parameters_of(Some(file), &robot.model, &ground.terrain)?,
             None => Vec::new(),
         };
+        if let Some(file) = &self.params {
+            crate::progress::remark(&format!("{} parameters of {} are applied", found.len(), file.display()));
+        }
         let gait = super::others::judge([&self.policy, description], &robot, &ground, &found, self.seconds)?;
         let names: Vec<String> = robot.feet.iter().map(|&g| robot.model.geoms[g].name.clone()).collect();
         let checks = gait.checks(&names);

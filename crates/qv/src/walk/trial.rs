@@ -89,15 +89,17 @@ impl TrialPolicy {
         };
         let ground = terrain.height_below(0.0, 0.0, 1e6).unwrap_or(0.0);
         let start = standing(model, &self.description, ground);
+        // What pushed the robot once does not push it always.
+        let steady: Vec<(String, f64)> = corrections
+            .iter()
+            .filter(|c| !c.parameter.starts_with("external."))
+            .map(|c| (c.parameter.clone(), c.value))
+            .collect();
         let mut all = Vec::new();
         for command in COMMANDS {
             let mut batch = Batch::<f64>::new(model, terrain, &options, 1)?;
-            // What pushed the robot once does not push it always.
-            for correction in corrections.iter().filter(|c| !c.parameter.starts_with("external.")) {
-                batch.set_parameter(0, &correction.parameter, correction.value)?;
-            }
             let policy = &mut self.policy;
-            let rolled = roll(&mut batch, &self.description, &start, command, SECONDS, |observation| {
+            let rolled = roll(&mut batch, &self.description, &start, (command, SECONDS), &steady, |observation| {
                 let mut action = Vec::new();
                 policy.run(observation, &mut action).map(|()| action)
             });
