@@ -4,15 +4,15 @@ use crate::HeldError;
 use crate::balance::Term;
 use crate::evidence::{Evidence, HypothesisTest};
 use crate::hypothesis::Hypothesis;
-use crate::measure::{Target, places};
+use crate::measure::{Target, places as places_of};
 use crate::request::Request;
 use crate::source::{Source, moved};
 use crate::traces::torques_left;
 use rayon::prelude::*;
 
-/// Lags \[s\] and shares of the greatest torque from which these are followed, whose columns at zero say little of large sizes.
+/// Lags \[s\] and quantiles of torques from which lags and limits are followed, whose columns at zero say little of large sizes.
 const LAGS: [f64; 4] = [0.004, 0.008, 0.016, 0.032];
-const CAPS: [f64; 5] = [0.8, 0.6, 0.45, 0.3, 0.2];
+const CAPS: [f64; 6] = [0.99, 0.95, 0.9, 0.8, 0.6, 0.4];
 /// Best hypotheses beside which events are looked for.
 const FOLLOWED: usize = 10;
 
@@ -29,7 +29,13 @@ impl Target<'_> {
         let one = |&k: &usize| -> Result<(usize, HypothesisTest), HeldError> {
             let mut tested = evidence.tested[k].clone();
             let is_there = match &starts[k] {
-                Some(start) => self.follow_drive(&mut tested, start, request, source)?,
+                // Its columns at zero promise what its sizes do not keep.
+                Some(start) => {
+                    let linear = std::mem::replace(&mut tested.loss, evidence.loss);
+                    let is_better = self.follow_drive(&mut tested, start, request, source)?;
+                    tested.loss = if is_better { tested.loss } else { linear };
+                    is_better
+                }
                 None => false,
             };
             let start = tested.size.clone();
@@ -49,13 +55,16 @@ impl Target<'_> {
         let terms: Vec<(usize, Term)> = direction.iter().filter_map(|d| self.study.layout.term(d.0)).collect();
         let sizes: Vec<f64> = match terms.first() {
             Some((_, Term::Lag)) => LAGS.to_vec(),
-            Some(&(joint, Term::Cap)) => CAPS.map(|share| (share - 1.0) * servos.cap[joint]).to_vec(),
+            Some(&(joint, Term::Cap)) => {
+                let at = |share: &f64| Some(source.torques(self.robot, *share)?[joint] - servos.cap[joint]);
+                CAPS.iter().filter_map(at).collect()
+            }
             _ => return Ok(None),
         };
         let joints: Vec<usize> = terms.iter().map(|t| t.0).collect();
         let mut best = (source.loss(self.robot, &joints)?, None);
         for size in sizes {
-            let Some(robot) = moved(self.robot, self.study.layout, &places(hypothesis, &[size])) else { continue };
+            let Some(robot) = moved(self.robot, self.study.layout, &places_of(hypothesis, &[size])) else { continue };
             let loss = source.loss(&robot, &joints)?;
             if loss < best.0 {
                 best = (loss, Some(vec![size]));
@@ -83,10 +92,11 @@ impl Target<'_> {
         const STEPS: usize = 8;
         // A step that lowers the loss by less is the last.
         const LEAST_FALL: f64 = 0.01;
+        const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
         let mut size = start.to_vec();
         let mut best: Option<HypothesisTest> = None;
         for _ in 0..STEPS {
-            let places = places(&tested.hypothesis, &size);
+            let places = places_of(&tested.hypothesis, &size);
             let Some(robot) = moved(self.robot, self.study.layout, &places) else { break };
             let balance = source.balance_about(&robot, self.balance, &places)?;
             let target = self.about(&robot, &balance);
@@ -95,9 +105,22 @@ impl Target<'_> {
             if found.loss >= before {
                 break;
             }
+            // A step to what no robot can be is shortened, and what it would leave is not believed.
+            let ahead = |share: f64| size.iter().zip(&found.size).map(|(all, more)| all + share * more).collect();
+            let is_possible =
+                |next: &Vec<f64>| moved(self.robot, self.study.layout, &places_of(&tested.hypothesis, next)).is_some();
+            let Some((share, next)) =
+                SHARES.iter().map(|share| (*share, ahead(*share))).find(|(_, next)| is_possible(next))
+            else {
+                break;
+            };
+            if share < 1.0 {
+                size = next;
+                continue;
+            }
             let is_last = found.loss > (1.0 - LEAST_FALL) * before;
             target.note_left(&mut found, request.policy.alpha);
-            size.iter_mut().zip(&found.size).for_each(|(all, more)| *all += more);
+            size = next;
             found.size.clone_from(&size);
             found.acted[0].clone_from(&tested.acted[0]);
             best = Some(found);

@@ -107,7 +107,7 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
 
 /// Caps motors at the greatest torque that they are asked for in any recording, from where a lower limit shows.
 fn bound_torques<'a>(robot: &mut Robot, sources: impl Iterator<Item = &'a Source<'a>>) {
-    let all: Vec<Vec<f64>> = sources.filter_map(|source| source.greatest_torques(robot)).collect();
+    let all: Vec<Vec<f64>> = sources.filter_map(|source| source.torques(robot, 1.0)).collect();
     let Some(servos) = &mut robot.servos else { return };
     for (j, cap) in servos.cap.iter_mut().enumerate() {
         let greatest = all.iter().map(|of| of[j]).fold(0.0, f64::max);

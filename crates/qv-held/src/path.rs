@@ -18,7 +18,8 @@ const STEP: f64 = 0.002;
 const LEAST_ROWS: usize = 100;
 /// Turn by which the slope of gravity is taken \[rad\].
 const TURN: f64 = 0.05;
-/// Share of its greatest torque to which a motor is limited for the column of its limit.
+/// Quantile of its torques, and share of a limit that holds, to which a motor is limited for the column of its limit.
+const USUAL: f64 = 0.95;
 const SHOWN_CAP: f64 = 0.9;
 /// Speed of Stribeck's friction as a share of the usual top speed.
 const STRIBECK: f64 = 0.15;
@@ -186,11 +187,11 @@ impl Path {
         joints.iter().map(of).collect()
     }
 
-    /// Greatest torque that each motor is asked for \[N m\], shape `[joints]`.
-    pub fn greatest_torques(&self, robot: &Robot, servos: &Servos) -> Vec<f64> {
+    /// Torque that each motor is asked for \[N m\]: a quantile over time, shape `[joints]`.
+    pub fn torques(&self, robot: &Robot, servos: &Servos, share: f64) -> Vec<f64> {
         let of = |j: usize| {
             let free = ServoJoint { cap: f64::INFINITY, ..self.joint(robot, servos, j) };
-            Simulation::new(self, robot, servos, j).greatest_torque(&free)
+            quantile(Simulation::new(self, robot, servos, j).torques(&free), share)
         };
         (0..robot.joints()).map(of).collect()
     }
@@ -277,8 +278,13 @@ impl<'a> Simulation<'a> {
         self.path.rows.iter().map(|&k| all[k]).collect()
     }
 
-    /// Positions at all instants \[rad\], and the greatest torque that the motor is asked for \[N m\].
-    fn all(&self, joint: &ServoJoint, commands: &[f64], [carried, inertia, slope]: [&[f64]; 3]) -> (Vec<f64>, f64) {
+    /// Positions at all instants \[rad\], and torques that the motor is asked for \[N m\].
+    fn all(
+        &self,
+        joint: &ServoJoint,
+        commands: &[f64],
+        [carried, inertia, slope]: [&[f64]; 3],
+    ) -> (Vec<f64>, Vec<f64>) {
         let (path, j) = (self.path, self.place);
         // The path is measured with the bias that is stated; what it is beyond moves the encoder alone.
         let q = &path.signals.q[j];
@@ -305,16 +311,16 @@ impl<'a> Simulation<'a> {
         quantile(all, 0.9).max(0.2 * self.joint.kp * 0.01).max(1e-3)
     }
 
-    /// Greatest torque that a motor is asked for \[N m\].
-    fn greatest_torque(&self, joint: &ServoJoint) -> f64 {
+    /// Torques that a motor is asked for \[N m\], without their signs.
+    fn torques(&self, joint: &ServoJoint) -> Vec<f64> {
         self.all(joint, &self.commands, self.carried()).1
     }
 
-    /// By a lower limit of the motor, from the one that shows: above the greatest torque it does nothing.
+    /// By a lower limit of the motor, from the one that shows: above usual torques it does next to nothing.
     fn slope_of_cap(&self, plain: &[f64]) -> Vec<f64> {
         let joint = self.joint;
-        let greatest = self.greatest_torque(&joint).min(joint.cap);
-        let lower = ServoJoint { cap: SHOWN_CAP * greatest, ..joint };
+        let usual = quantile(self.torques(&joint), USUAL);
+        let lower = ServoJoint { cap: usual.min(SHOWN_CAP * joint.cap), ..joint };
         let by = joint.cap - lower.cap;
         if !by.is_finite() || by <= 0.0 {
             return vec![0.0; plain.len()];

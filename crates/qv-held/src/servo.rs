@@ -101,8 +101,9 @@ pub(crate) struct Drive<'a> {
     pub start: [f64; 2],
 }
 
-/// Positions of a joint at each instant \[rad\] as its encoder reports them, and the greatest torque that its motor is asked for \[N m\].
-pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> (Vec<f64>, f64) {
+/// Positions of a joint at each instant \[rad\] as its encoder reports them, and the torque that its motor is asked for after each
+/// \[N m\], without its sign.
+pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> (Vec<f64>, Vec<f64>) {
     let h = drive.step / drive.substeps as f64;
     let late = (joint.latency + joint.late) / h;
     let count = drive.path.len();
@@ -110,9 +111,10 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> (Vec<f64>, f64) {
     let follow = qv_sim::lag_gain(h, joint.lag);
     let mut lagged: Option<f64> = None;
     let mut turned = Vec::with_capacity(count);
-    let mut greatest: f64 = 0.0;
+    let mut torques = Vec::with_capacity(count);
     for t in 0..count {
         turned.push(x + joint.bias);
+        torques.push(0.0f64);
         let next = (t + 1).min(count - 1);
         for k in 0..drive.substeps {
             let part = k as f64 / drive.substeps as f64;
@@ -138,7 +140,7 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> (Vec<f64>, f64) {
             let before = lagged.unwrap_or(motor);
             let now = before + follow * (motor - before);
             lagged = Some(now);
-            greatest = greatest.max(now.abs());
+            torques[t] = torques[t].max(now.abs());
             let (torque, damping) = if joint.lag > 0.0 {
                 (now.clamp(-joint.cap, joint.cap), passive.max(0.0))
             } else if motor.abs() > joint.cap {
@@ -153,7 +155,7 @@ pub(crate) fn simulate(joint: &ServoJoint, drive: &Drive) -> (Vec<f64>, f64) {
             x += h * v;
         }
     }
-    (turned, greatest)
+    (turned, torques)
 }
 
 /// Commanded positions as the firmware of a servo passes them on: low-pass filtered, then limited in rate; `step` is between samples \[s\].

@@ -79,10 +79,10 @@ impl<'a> Source<'a> {
         Ok(loss(&self.left(robot, joints)?))
     }
 
-    /// Greatest torque that each motor is asked for in these recordings \[N m\], shape `[joints]`; none where torques are weighed.
-    pub fn greatest_torques(&self, robot: &Robot) -> Option<Vec<f64>> {
+    /// Torque that each motor is asked for in these recordings \[N m\], a quantile over time, shape `[joints]`; none where torques are weighed.
+    pub fn torques(&self, robot: &Robot, share: f64) -> Option<Vec<f64>> {
         let (Self::Paths(paths), Some(servos)) = (self, &robot.servos) else { return None };
-        let all: Vec<Vec<f64>> = paths.par_iter().map(|path| path.greatest_torques(robot, servos)).collect();
+        let all: Vec<Vec<f64>> = paths.par_iter().map(|path| path.torques(robot, servos, share)).collect();
         Some((0..robot.joints()).map(|j| all.iter().map(|of| of[j]).fold(0.0, f64::max)).collect())
     }
 }

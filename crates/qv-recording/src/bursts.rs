@@ -127,7 +127,7 @@ mod tests {
         assert_eq!((even_out(&mut jittered, &Sender::default()), jittered), (None, before));
     }
 
-    /// A clock of the sender tells what was lost between bursts, which even times do not; one that stands still is no clock.
+    /// A clock of the sender shows what was lost between bursts, which even times do not; one that stands still is no clock.
     #[test]
     fn the_time_of_the_sender_is_taken_where_there_is_one() {
         let kept: Vec<usize> = (0..1000).filter(|i| i % 7 != 3 || *i < 300).collect();
