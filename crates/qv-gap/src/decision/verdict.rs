@@ -135,13 +135,10 @@ impl Case<'_> {
     /// No gap where windows that no fit has seen show no more than the null, and all windows together hardly more: a gap is
     /// what exceeds the null, and there is none, whatever fits a part of the noise better.
     fn beyond_null(&self, is_doubted: bool) -> Verdict {
-        let verdict = match self.by_level(is_doubted) {
-            Verdict::NoGap if self.is_null_spoiled() => return Verdict::Unexplained,
-            verdict => verdict,
-        };
+        let verdict = self.by_level(is_doubted);
         // Nothing but its motors moves a robot that is held, and replicates without an effect are farther from the simulator than it is.
         let are_pushes = self.taken_by_pushes().is_some();
-        if !self.evidence.is_free && !are_pushes && self.evidence.level.ratio < 1.0 && !self.is_null_spoiled() {
+        if !self.evidence.is_free && !are_pushes && self.evidence.level.ratio < 1.0 {
             return Verdict::NoGap;
         }
         let closed = self.evidence.corrected.as_ref().map_or(0.0, |c| c.closed.share);
@@ -151,13 +148,6 @@ impl Case<'_> {
         let [before, floor] = self.evidence.held_out;
         let is_within_null = before <= floor && self.evidence.level.ratio < self.policy.no_gap;
         if is_within_null { Verdict::NoGap } else { verdict }
-    }
-
-    /// Whether windows that no fit has seen are far beyond the null though the level, a mean over joints, is not: replicates of one joint that run
-    /// away take that with them, and say nothing of the others.
-    fn is_null_spoiled(&self) -> bool {
-        let [before, floor] = self.evidence.held_out;
-        !self.evidence.is_free && before > self.policy.no_gap * floor
     }
 
     fn by_level(&self, is_doubted: bool) -> Verdict {

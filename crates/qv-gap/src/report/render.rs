@@ -55,7 +55,7 @@ pub fn render(evidence: &Evidence, decision: &Decision) -> Result<Report, GapErr
         torque_balance: (!data.joint_rows.is_empty())
             .then(|| TorqueBalance { joints: data.joint_rows.clone(), ..Default::default() }),
         unexplained: Remainder { share: left(verdict, gap), depends_on: shown.depends_on.clone() },
-        cannot_tell: data.cannot_tell.clone(),
+        cannot_tell: data.cannot_tell.iter().cloned().chain(doubt_of_null(evidence, verdict, gap, decision)).collect(),
         next: narrative::next(evidence, data, decision, (&causes, &leads, gap)),
         corrections: shown.corrections.clone(),
         corrections_apply: causes.is_empty() || gap.after <= gap.before,
@@ -85,6 +85,19 @@ fn causes(data: &ReportData, decision: &Decision) -> Vec<Cause> {
         |effect: &str| decision.ranking.iter().find(|r| r.effect == effect).map_or(0.0, |r| r.probability);
     let accused = data.causes.iter().filter(|_| decision.accuses()).map(|data| &data.cause);
     accused.map(|cause| Cause { probability: probability(&cause.effect), ..cause.clone() }).collect()
+}
+
+/// What a held robot without a gap is not: replicates of one joint that run away take the null with them, and say nothing of the others.
+fn doubt_of_null(evidence: &Evidence, verdict: Verdict, gap: &Gap, decision: &Decision) -> Option<String> {
+    let is_beyond = gap.before > decision.policy.no_gap * gap.floor;
+    (verdict == Verdict::NoGap && !evidence.is_free && is_beyond).then(|| {
+        format!(
+            "Held-out windows lie {:.1} times above the noise floor, and their joints {:.0} mrad off: simulated replicates may have spoiled the null. \
+             Give recordings of the robot as it should be (--reference).",
+            gap.before / gap.floor,
+            1e3 * gap.joint_rms[0]
+        )
+    })
 }
 
 /// Share of the gap that is left.

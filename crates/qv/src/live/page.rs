@@ -33,7 +33,7 @@ impl Topics {
     }
 
     /// The page as it is now.
-    pub fn to_html(&mut self, title: &str, health: &Health, checked: &CheckResult) -> String {
+    pub fn render(&mut self, title: &str, health: &Health, checked: &CheckResult) -> String {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
         let heads = ["topic", "rate [Hz]", "messages", "lost", "refused", "writers", "longest gap [s]"];
         let mut table = Table::with_left(&heads, &[0]);

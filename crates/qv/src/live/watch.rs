@@ -163,7 +163,7 @@ impl Watch {
             if drawn.is_none_or(|at| at.elapsed() >= Duration::from_secs(1)) {
                 drawn = Some(Instant::now());
                 let found = checker.found.lock().map(|found| found.0.clone()).unwrap_or_default();
-                let html = topics.to_html(&title, health, &found);
+                let html = topics.render(&title, health, &found);
                 shown.lock().map(|mut page| *page = html).ok();
             }
             if checked.elapsed().as_secs_f64() >= BETWEEN {
