@@ -324,7 +324,7 @@ fn policy(path: &Path) -> Result<FileReport, Failure> {
     };
     let used = format!("in {}; out {}", list(policy.inputs()), list(policy.outputs()));
     let missing = vec![
-        "what its observation is made of, unless qv walk trained it (qv walk roll takes a description)".to_string(),
+        "what its observation is made of, unless qv walk trained it (qv walk score and qv walk roll take a description)".to_string(),
     ];
     Ok(FileReport { kind: "policy", used, missing, ..Default::default() })
 }

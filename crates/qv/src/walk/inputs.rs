@@ -94,7 +94,7 @@ pub fn of_mesh(file: &str, friction: &[(String, f64)], room: f64, seed: u64) -> 
 pub fn policy_of(path: &Path) -> Result<(OnnxPolicy, PolicyFile), Failure> {
     let policy = policy_child::policy_at(path)?;
     let beside = path.with_file_name("policy.toml");
-    let expected = "what `qv walk train` wrote beside policy.onnx (for a policy of another trainer: `qv walk roll`)";
+    let expected = "what `qv walk train` wrote beside policy.onnx (for a policy of another trainer: `--description FILE.toml`, which `qv walk describe` begins)";
     let text = fs::read_to_string(&beside).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
     let file = PolicyFile::parse(&text).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
     Ok((policy, file))
