@@ -207,7 +207,10 @@ mod tests {
         }
     }
 
-    fn example() -> ([Vec<f64>; 2], [Vec<f64>; 2], Vec<f64>, Vec<f64>) {
+    /// Columns and what is left of a recording then and one now.
+    type Example = ([Vec<f64>; 2], [Vec<f64>; 2], Vec<f64>, Vec<f64>);
+
+    fn example() -> Example {
         let first = [vec![1.0, -1.0, 0.5, 0.0, 0.0, 1.0, 0.3, -0.2], vec![2.0, 0.0, 1.0, 3.0, -1.0, 0.5, 0.0, 1.0]];
         let second = [vec![0.0, 1.0, -0.5, 0.7, 1.0, 0.0, 0.2, 0.9], vec![1.5, 1.0, 0.0, 2.0, -2.0, 0.0, 1.0, 0.4]];
         let then = vec![3.1, -0.4, 1.4, 4.2, -1.7, 1.0, 0.1, 1.2];
