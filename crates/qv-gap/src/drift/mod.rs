@@ -1,8 +1,8 @@
 //! Has a robot changed since it was calibrated? The linear model of a diagnosis, of two recordings at once.
 //!
-//! Both recordings are linearised about the calibrated robot, as a diagnosis does it ([`moments`]). What a robot differs by from its model is
-//! nearly the same in both, so that it cancels ([`contrast`]): what is left is the change, each parameter with its interval. Nothing is
-//! searched and nothing is fitted by simulation. [`decide`] corrects for the number of parameters that are tested and names the changes.
+//! Both recordings are linearised about the calibrated robot, as a diagnosis does it (`moments`). What a robot differs by from its model is
+//! nearly the same in both, so that it cancels (`contrast`): what is left is the change, each parameter with its interval. Nothing is
+//! searched and nothing is fitted by simulation. `decide` corrects for the number of parameters that are tested and names the changes.
 
 mod contrast;
 mod decide;

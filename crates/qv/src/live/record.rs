@@ -20,7 +20,7 @@ pub const EXAMPLE: &str = crate::usage::help_text!(
 pub struct Record {
     #[command(flatten)]
     listening: Listening,
-    /// Write the recording to this file [new]
+    /// Write the recording to this new file
     #[arg(long, value_name = "FILE.mcap", help_heading = "Output")]
     out: PathBuf,
     /// Print one line of JSON instead of text

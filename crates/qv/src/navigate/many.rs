@@ -22,7 +22,7 @@ pub(super) struct Many {
     pub(super) places: Option<u64>,
     /// Add a scene with its mesh, and its floor height, as another place
     ///
-    /// Such as `kitchen/scene.ply,kitchen/mesh.glb` or `kitchen/scene.ply,kitchen/mesh.glb,0.02` [m].
+    /// Such as `kitchen/scene.ply,kitchen/mesh.glb` or `kitchen/scene.ply,kitchen/mesh.glb,0.02` (m).
     #[arg(long, value_name = "SCENE,MESH[,FLOOR]", num_args = 1.., help_heading = "Input")]
     pub(super) with_scene: Vec<ScenePlace>,
 }
