@@ -1,7 +1,7 @@
 //! From evidence to a verdict: tests whose numbers are rates, shares or variances that the data give. Nothing is simulated.
 
 use crate::distribution::{fisher_tail, student_quantile, student_tail};
-use crate::evidence::{Change, Event, Evidence, HypothesisTest, PairTest, Square};
+use crate::evidence::{Change, Event, Evidence, HypothesisTest, PairTest, Square, best_first};
 use crate::hypothesis::Tolerances;
 use qv_fit::linear::{Cholesky, Matrix, dot};
 use serde::{Deserialize, Serialize};
@@ -119,9 +119,7 @@ pub fn decide(evidence: &Evidence, policy: &Policy) -> Decision {
         moderation(evidence, of_change, 1.0),
     ];
     let mut judged: Vec<Judgement> = evidence.tested.iter().map(|t| judge(evidence, t, policy, moderation)).collect();
-    let mut order: Vec<usize> = (0..judged.len()).collect();
-    let loss = |k: usize| mean(&evidence.tested[k].losses);
-    order.sort_by(|&a, &b| loss(a).total_cmp(&loss(b)));
+    let order = best_first(&evidence.tested, |tested| &tested.losses);
     let best = order.first().copied();
     let l0 = evidence.reference_loss();
     if let Some(best) = best {
@@ -150,9 +148,7 @@ fn pair_in_place_of<'a>(evidence: &'a Evidence, policy: &Policy, decision: &Deci
     if !matches!(decision.outcome, Outcome::Unexplained | Outcome::Cause(_, false) | Outcome::Events(false)) {
         return None;
     }
-    let loss = |k: usize| mean(&evidence.pairs[k].test.losses);
-    let mut order: Vec<usize> = (0..evidence.pairs.len()).collect();
-    order.sort_by(|&a, &b| loss(a).total_cmp(&loss(b)));
+    let order = best_first(&evidence.pairs, |pair| &pair.test.losses);
     let named = order.iter().copied().find(|&k| decision.pairs[k].passed)?;
     let (best, own) = (&evidence.pairs[order[0]].test.losses, &evidence.pairs[named].test.losses);
     let is_in_set = p_better(best, own, evidence.reference_loss()) > 1.0 - policy.level;
@@ -174,8 +170,6 @@ fn judge_pair(evidence: &Evidence, pair: &PairTest, policy: &Policy, moderation:
     let share_beside = (better - test.loss) / (better - l0).max(1e-12);
     let asked = policy.alpha / evidence.tested.len().max(1) as f64;
     let is_known = [0, last].iter().all(|&i| tests.ci95[i][0] * tests.ci95[i][1] > 0.0);
-    let is_in =
-        |i: usize| (test.hypothesis.axes[i].range[0]..=test.hypothesis.axes[i].range[1]).contains(&test.size[i]);
     // What lies within the tolerances is no cause of its own.
     let is_large = [0, last].iter().zip(pair.tolerances).all(|(&i, least)| test.size[i].abs() > least);
     let is_quiet = test.events.as_ref().unwrap_or(&evidence.events).is_empty();
@@ -183,7 +177,7 @@ fn judge_pair(evidence: &Evidence, pair: &PairTest, policy: &Policy, moderation:
         && p_alone < policy.alpha
         && is_known
         && is_large
-        && (0..=last).all(is_in)
+        && is_within_ranges(test)
         && is_quiet
         && tests.share >= policy.least_share
         && share_beside >= policy.least_share;
@@ -278,6 +272,11 @@ fn acts_outside(evidence: &Evidence, k: usize, events: &[Event], policy: &Policy
     picked.len() >= FEWEST && p_better(&own, &none, l0) < alpha && share >= policy.least_share
 }
 
+/// Whether all numbers are values that are physical.
+fn is_within_ranges(t: &HypothesisTest) -> bool {
+    t.hypothesis.axes.iter().zip(&t.size).all(|(axis, size)| (axis.range[0]..=axis.range[1]).contains(size))
+}
+
 fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_change]: [[f64; 2]; 2]) -> Judgement {
     let l0 = evidence.reference_loss();
     let p_size = p_size(evidence, (&t.size, &t.sandwich, &t.left_out), (&t.information, &t.drift), of_size);
@@ -285,7 +284,6 @@ fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_
     let p_blocks = p_better(&t.acted[1], &t.acted[0], t.reference_acted);
     let ci95 = intervals(evidence, t, of_size, l0);
     let least = least_sizes(evidence, t, of_size, policy);
-    let is_in = |i: usize| (t.hypothesis.axes[i].range[0]..=t.hypothesis.axes[i].range[1]).contains(&t.size[i]);
     // The mass of a load names it: the other numbers are its place. Of joints with a number each every one must be there.
     let names = match t.hypothesis.effect.as_str() {
         "com_offset" => 0,
@@ -293,7 +291,7 @@ fn judge(evidence: &Evidence, t: &HypothesisTest, policy: &Policy, [of_size, of_
         _ => t.size.len(),
     };
     let is_known = (0..names).all(|i| ci95[i][0] * ci95[i][1] > 0.0);
-    let is_physical = is_known && (0..t.size.len()).all(is_in);
+    let is_physical = is_known && is_within_ranges(t);
     let share = if evidence.loss > l0 { (evidence.loss - t.loss) / (evidence.loss - l0) } else { 0.0 };
     let count = evidence.tested.len().max(1) as f64;
     let passed_alone = p_size < policy.alpha

@@ -77,6 +77,14 @@ pub struct PairTest {
     pub tolerances: [f64; 2],
 }
 
+/// Indices of tests from the one with the least loss of its blocks on.
+pub(crate) fn best_first<T>(tests: &[T], losses: impl Fn(&T) -> &Vec<f64>) -> Vec<usize> {
+    let sums: Vec<f64> = tests.iter().map(|test| losses(test).iter().sum()).collect();
+    let mut order: Vec<usize> = (0..tests.len()).collect();
+    order.sort_by(|&a, &b| sums[a].total_cmp(&sums[b]));
+    order
+}
+
 /// Friction and rotor of a joint, whatever the verdict.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointRow {

@@ -2,7 +2,7 @@
 
 use crate::HeldError;
 use crate::balance::Term;
-use crate::evidence::{Evidence, HypothesisTest};
+use crate::evidence::{Evidence, HypothesisTest, best_first};
 use crate::hypothesis::Hypothesis;
 use crate::measure::{Target, places as places_of};
 use crate::request::Request;
@@ -19,9 +19,7 @@ const FOLLOWED: usize = 10;
 impl Target<'_> {
     /// Follows the best hypotheses: to where their columns are those of their sizes, and to the events that are left beside them.
     pub fn follow(&self, evidence: &mut Evidence, request: &Request, source: &Source) -> Result<(), HeldError> {
-        let mut order: Vec<usize> = (0..evidence.tested.len()).collect();
-        let loss = |t: &HypothesisTest| t.losses.iter().sum::<f64>();
-        order.sort_by(|&a, &b| loss(&evidence.tested[a]).total_cmp(&loss(&evidence.tested[b])));
+        let order = best_first(&evidence.tested, |tested| &tested.losses);
         let starts = (evidence.tested.par_iter().map(|t| self.start(&t.hypothesis, source)))
             .collect::<Result<Vec<Option<Vec<f64>>>, HeldError>>()?;
         let rank = order.iter().enumerate().filter(|(rank, k)| *rank < FOLLOWED || starts[**k].is_some());
@@ -56,8 +54,8 @@ impl Target<'_> {
         let sizes: Vec<f64> = match terms.first() {
             Some((_, Term::Lag)) => LAGS.to_vec(),
             Some(&(joint, Term::Cap)) => {
-                let at = |share: &f64| Some(source.torques(self.robot, *share)?[joint] - servos.cap[joint]);
-                CAPS.iter().filter_map(at).collect()
+                let limits = source.torques(self.robot, joint, &CAPS).unwrap_or_default();
+                limits.into_iter().map(|limit| limit - servos.cap[joint]).collect()
             }
             _ => return Ok(None),
         };

@@ -106,13 +106,14 @@ pub fn measure(request: &Request) -> Result<Evidence, HeldError> {
 }
 
 /// Caps motors at the greatest torque that they are asked for in any recording, from where a lower limit shows.
-fn bound_torques<'a>(robot: &mut Robot, sources: impl Iterator<Item = &'a Source<'a>>) {
-    let all: Vec<Vec<f64>> = sources.filter_map(|source| source.torques(robot, 1.0)).collect();
+fn bound_torques<'a>(robot: &mut Robot, sources: impl Iterator<Item = &'a Source<'a>> + Clone) {
+    let greatest = |j: usize| {
+        let of = |source: &Source| source.torques(robot, j, &[1.0]).map_or(0.0, |greatest| greatest[0]);
+        sources.clone().map(of).fold(LEAST_TORQUE, f64::max)
+    };
+    let all: Vec<f64> = (0..robot.joints()).map(greatest).collect();
     let Some(servos) = &mut robot.servos else { return };
-    for (j, cap) in servos.cap.iter_mut().enumerate() {
-        let greatest = all.iter().map(|of| of[j]).fold(0.0, f64::max);
-        *cap = cap.min(greatest.max(LEAST_TORQUE));
-    }
+    servos.cap.iter_mut().zip(all).for_each(|(cap, greatest)| *cap = cap.min(greatest));
 }
 
 /// Root mean square torque of each joint \[N m\], shape `[joints]`.

@@ -1,7 +1,7 @@
 //! Two causes at once: beside each of the best hypotheses, which other predicts best.
 
 use crate::HeldError;
-use crate::evidence::{Evidence, PairTest};
+use crate::evidence::{Evidence, PairTest, best_first};
 use crate::hypothesis::{Family, Hypothesis};
 use crate::measure::{Target, places};
 use crate::request::Request;
@@ -15,9 +15,7 @@ const SECOND: usize = 2;
 impl Target<'_> {
     /// Pairs that predict best, each followed to its sizes.
     pub fn pairs(&self, evidence: &Evidence, request: &Request, source: &Source) -> Result<Vec<PairTest>, HeldError> {
-        let loss = |k: usize| evidence.tested[k].losses.iter().sum::<f64>();
-        let mut order: Vec<usize> = (0..evidence.tested.len()).collect();
-        order.sort_by(|&a, &b| loss(a).total_cmp(&loss(b)));
+        let order = best_first(&evidence.tested, |tested| &tested.losses);
         let firsts = best_of_each(&order, |&k| &evidence.tested[k].hypothesis.effect, FIRST);
         let all = firsts.into_par_iter().map(|first| self.pairs_of(evidence, *first, request, source));
         Ok(all.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
@@ -48,11 +46,10 @@ impl Target<'_> {
             let tolerances = [own.hypothesis.directions.first()?, other.directions.first()?];
             Some(PairTest { members: [first, k], test, tolerances: tolerances.map(|d| self.study.tolerance(d)) })
         };
-        let mut all: Vec<PairTest> = (0..evidence.tested.len()).into_par_iter().filter_map(with).collect();
-        let loss = |pair: &PairTest| pair.test.losses.iter().sum::<f64>();
-        all.sort_by(|a, b| loss(a).total_cmp(&loss(b)));
-        let effect = |pair: &PairTest| &evidence.tested[pair.members[1]].hypothesis.effect;
-        let best: Vec<PairTest> = best_of_each(&all, effect, SECOND).into_iter().cloned().collect();
+        let all: Vec<PairTest> = (0..evidence.tested.len()).into_par_iter().filter_map(with).collect();
+        let order = best_first(&all, |pair| &pair.test.losses);
+        let effect = |k: &usize| &evidence.tested[all[*k].members[1]].hypothesis.effect;
+        let best: Vec<PairTest> = best_of_each(&order, effect, SECOND).into_iter().map(|k| all[*k].clone()).collect();
         let follow = |mut pair: PairTest| -> Result<PairTest, HeldError> {
             let start = pair.test.size.clone();
             if !self.follow_drive(&mut pair.test, &start, request, source)? {

@@ -187,13 +187,11 @@ impl Path {
         joints.iter().map(of).collect()
     }
 
-    /// Torque that each motor is asked for \[N m\]: a quantile over time, shape `[joints]`.
-    pub fn torques(&self, robot: &Robot, servos: &Servos, share: f64) -> Vec<f64> {
-        let of = |j: usize| {
-            let free = ServoJoint { cap: f64::INFINITY, ..self.joint(robot, servos, j) };
-            quantile(Simulation::new(self, robot, servos, j).torques(&free), share)
-        };
-        (0..robot.joints()).map(of).collect()
+    /// Torque that a motor is asked for \[N m\]: quantiles over time, shape `[shares]`.
+    pub fn torques(&self, robot: &Robot, servos: &Servos, (j, shares): (usize, &[f64])) -> Vec<f64> {
+        let free = ServoJoint { cap: f64::INFINITY, ..self.joint(robot, servos, j) };
+        let all = Simulation::new(self, robot, servos, j).torques(&free);
+        shares.iter().map(|share| quantile(all.clone(), *share)).collect()
     }
 
     fn residual(&self, j: usize, simulated: &[f64]) -> Vec<f64> {

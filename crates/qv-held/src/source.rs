@@ -79,11 +79,11 @@ impl<'a> Source<'a> {
         Ok(loss(&self.left(robot, joints)?))
     }
 
-    /// Torque that each motor is asked for in these recordings \[N m\], a quantile over time, shape `[joints]`; none where torques are weighed.
-    pub fn torques(&self, robot: &Robot, share: f64) -> Option<Vec<f64>> {
+    /// Torque that a motor is asked for in these recordings \[N m\], quantiles over time, shape `[shares]`; none where torques are weighed.
+    pub fn torques(&self, robot: &Robot, joint: usize, shares: &[f64]) -> Option<Vec<f64>> {
         let (Self::Paths(paths), Some(servos)) = (self, &robot.servos) else { return None };
-        let all: Vec<Vec<f64>> = paths.par_iter().map(|path| path.torques(robot, servos, share)).collect();
-        Some((0..robot.joints()).map(|j| all.iter().map(|of| of[j]).fold(0.0, f64::max)).collect())
+        let all: Vec<Vec<f64>> = paths.par_iter().map(|path| path.torques(robot, servos, (joint, shares))).collect();
+        Some((0..shares.len()).map(|k| all.iter().map(|of| of[k]).fold(0.0, f64::max)).collect())
     }
 }
 
