@@ -1,11 +1,12 @@
 //! What draws the pictures: the trait, and an eye that draws Gaussians.
 
 use crate::NavError;
+use crate::flat::{FIRST, add_flat};
 use crate::goals::Goal;
 use crate::net::{HEIGHT, WIDTH};
 pub use crate::sight::LINEAR;
 use crate::sight::{COLOURS, Cone};
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::{Outputs, Scene, Settings, View, render};
@@ -353,15 +354,11 @@ fn paint(cloud: &GaussianCloud, paints: &Paints, (index, seed): (usize, u64)) ->
     out
 }
 
-/// The first harmonic: 1 / (2 sqrt(pi)).
-const FIRST: f32 = 0.282_094_79;
-
 /// Adds a cone of 0.45 m as flat Gaussians, lit from one side; gives their number.
 fn add_cone(cloud: &mut GaussianCloud, linear: [f64; 3], wide: f64) -> usize {
     const TALL: f64 = 0.45;
     const WIDE: f64 = 0.10;
     const ROWS: usize = 16;
-    let sun = DVec3::new(0.57, 0.0, 0.82);
     let before = cloud.len();
     for row in 0..ROWS {
         // The lowest row is near the ground, so that the foot is where it should be.
@@ -372,19 +369,9 @@ fn add_cone(cloud: &mut GaussianCloud, linear: [f64; 3], wide: f64) -> usize {
             let out = DVec3::new((TAU * k as f64 / around as f64).cos(), (TAU * k as f64 / around as f64).sin(), 0.0);
             let normal = (out * TALL + DVec3::Z * WIDE).normalize();
             let across = DVec3::Z.cross(out);
-            let axes = DMat3::from_cols(across, normal.cross(across), normal);
-            let turn = DQuat::from_mat3(&axes);
-            let light = 0.4 + 0.2 * normal.z + 0.7 * normal.dot(sun).max(0.0);
-            let shown = linear.map(|c| (c * light).clamp(0.0, 1.0).powf(1.0 / 2.2));
-            cloud.means.push((out * radius + DVec3::Z * (up * TALL)).as_vec3().to_array());
-            cloud
-                .log_scales
-                .push([(0.5 * TAU * radius / around as f64).max(0.003), 0.012, 0.002].map(|s| s.ln() as f32));
-            cloud.rotations.push([turn.w, turn.x, turn.y, turn.z].map(|q| q as f32));
-            cloud.opacity_logits.push(4.0);
-            cloud.sh.push(shown.map(|c| (c as f32 - 0.5) / FIRST));
-            cloud.sh.extend(std::iter::repeat_n([0.0; 3], cloud.sh_count() - 1));
-            cloud.features.extend(std::iter::repeat_n(0.0, cloud.feature_count));
+            let place = out * radius + DVec3::Z * (up * TALL);
+            let scales = [(0.5 * TAU * radius / around as f64).max(0.003), 0.012, 0.002].map(|s| s.ln() as f32);
+            add_flat(cloud, place, [across, normal], scales, linear);
         }
     }
     cloud.len() - before

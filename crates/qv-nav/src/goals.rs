@@ -1,8 +1,9 @@
 //! Objects that can be goals: their shape and colour, and the numbers by which a network learns at run time which one is wanted.
 
 use crate::NavError;
+use crate::flat::add_flat;
 use crate::sizes::COLOUR;
-use glam::{DMat3, DQuat, DVec3};
+use glam::DVec3;
 use qv_core::GaussianCloud;
 use qv_core::random::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
@@ -100,17 +101,8 @@ impl Goal {
         for (point, normal, [across, along]) in self.surface() {
             let normal = normal.normalize();
             let side = if normal.z.abs() > 0.9 { DVec3::X } else { DVec3::Z };
-            let u = normal.cross(side).normalize();
-            let turn = DQuat::from_mat3(&DMat3::from_cols(u, normal.cross(u), normal));
-            let light = 0.4 + 0.2 * normal.z + 0.7 * normal.dot(DVec3::new(0.57, 0.0, 0.82)).max(0.0);
-            let shown = linear.map(|c| (c * light).clamp(0.0, 1.0).powf(1.0 / 2.2));
-            cloud.means.push(point.as_vec3().to_array());
-            cloud.log_scales.push([across, along, 0.002].map(|s: f64| s.max(0.003).ln() as f32));
-            cloud.rotations.push([turn.w, turn.x, turn.y, turn.z].map(|q| q as f32));
-            cloud.opacity_logits.push(4.0);
-            cloud.sh.push(shown.map(|c| (c as f32 - 0.5) / FIRST));
-            cloud.sh.extend(std::iter::repeat_n([0.0; 3], cloud.sh_count() - 1));
-            cloud.features.extend(std::iter::repeat_n(0.0, cloud.feature_count));
+            let scales = [across, along, 0.002].map(|s: f64| s.max(0.003).ln() as f32);
+            add_flat(cloud, point, [normal.cross(side).normalize(), normal], scales, linear);
         }
         cloud.len() - before
     }
@@ -235,9 +227,6 @@ impl GoalSet {
 
 /// Hues of two goals that are asked for apart differ by more than this \[degrees\].
 const APART: f32 = 28.0;
-
-/// The first harmonic: 1 / (2 sqrt(pi)).
-const FIRST: f32 = 0.282_094_79;
 
 /// The hue that a network looks for \[degrees\]: that of the red cone. A goal of another hue is commanded by turning all hues of a picture so far
 /// that the goal's becomes this one ([`turn_hues`]); so a network that finds red goals finds those of all hues.

@@ -20,6 +20,7 @@ pub mod eye;
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
 pub mod fit;
+mod flat;
 pub mod goals;
 pub mod legs;
 pub mod lens;

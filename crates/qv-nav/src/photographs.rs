@@ -6,11 +6,12 @@
 use crate::NavError;
 use crate::eye::{Eye, Shot, SplatEye};
 use crate::goals::turn_hues;
-use crate::net::{HEIGHT, HIDDEN, Net, NetInput, WIDTH};
+use crate::net::{HEIGHT, HIDDEN, Net, NetInput, Scratch, WIDTH};
 use crate::recall::RECALL;
 use crate::roll::{sight, state_of};
 use crate::score::{mcnemar, wilson};
 use crate::sight::{COLOURS, Cone, SEEN, free_rays};
+use crate::sizes::SIGHT;
 use crate::teacher::World;
 use glam::DVec3;
 use qv_core::random::Xoshiro256PlusPlus;
@@ -210,14 +211,23 @@ pub struct Question {
     pub drawn: PictureAnswer,
 }
 
+/// What a network says of one picture when it is asked for a colour.
+fn said_of(
+    world: &World,
+    (net, parameters, scratch): (&Net, &[f32], &mut Scratch),
+    (pair, picture, colour): (&Pair, &[u8], usize),
+) -> [f64; SIGHT] {
+    let picture = turned(world, picture, colour);
+    let state = state_of(world.goals.code(colour), &pair.base);
+    let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
+    net.step(parameters, &sees, &mut [0.0; HIDDEN], scratch).sight.map(f64::from)
+}
+
 /// What a network says of each picture: of those with a cone when it is asked for its colour, of the others when it is asked for all colours.
 pub fn questions(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -> Vec<Question> {
     let mut scratch = net.scratch();
     let mut ask = |pair: &Pair, picture: &[u8], colour: usize| {
-        let picture = turned(world, picture, colour);
-        let state = state_of(world.goals.code(colour), &pair.base);
-        let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
-        let said = net.step(parameters, &sees, &mut [0.0; HIDDEN], &mut scratch).sight.map(f64::from);
+        let said = said_of(world, (net, parameters, &mut scratch), (pair, picture, colour));
         PictureAnswer { sure: said[3], bearing_rad: said[0].atan2(said[1]), distance_m: said[2].exp() }
     };
     let mut out = Vec::new();
@@ -239,10 +249,7 @@ pub fn questions(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
 pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -> Agreement {
     let mut scratch = net.scratch();
     let mut ask = |pair: &Pair, picture: &[u8], colour: usize| {
-        let picture = turned(world, picture, colour);
-        let state = state_of(world.goals.code(colour), &pair.base);
-        let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
-        let said = net.step(parameters, &sees, &mut [0.0; HIDDEN], &mut scratch).sight.map(f64::from);
+        let said = said_of(world, (net, parameters, &mut scratch), (pair, picture, colour));
         let off = pair.goal.map(|goal| {
             let truth = sight(world, &pair.base, &goal, &[]).map(f64::from);
             let turn = said[0].atan2(said[1]) - truth[0].atan2(truth[1]);
