@@ -359,6 +359,9 @@ pub struct Raw {
     pub motion: Vec<f64>,
     /// Measured minus expected torque, shape `[law joints, bins]`.
     pub law: Vec<f64>,
+    /// Numbers whose squares correct those of each law for the noise of the states that it is fed with, shape `[law joints]` \[N m\]: constant but for
+    /// what a setting takes from the noise. 0 in what is compared with a recording, whose own states do not enter the sensitivities.
+    pub state_noise: Vec<f64>,
 }
 
 impl Raw {
@@ -370,6 +373,10 @@ impl Raw {
     /// `self - other`.
     pub fn minus(&self, other: &Self) -> Self {
         let minus = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect();
-        Self { motion: minus(&self.motion, &other.motion), law: minus(&self.law, &other.law) }
+        Self {
+            motion: minus(&self.motion, &other.motion),
+            law: minus(&self.law, &other.law),
+            state_noise: minus(&self.state_noise, &other.state_noise),
+        }
     }
 }

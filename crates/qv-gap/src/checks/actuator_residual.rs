@@ -45,9 +45,9 @@ fn squares(study: &LinearisedProblem, marginal: &Marginal, residuals: &[Option<&
     let joints = study.rollout.law_joints.len();
     let (mut sums, mut count) = (vec![0.0; joints], 0.0);
     for left in study.without_deviations(marginal, residuals, fitted).iter().flatten() {
-        // The features of the laws are the last ones.
-        let first = left.len() - joints * bins;
-        left.iter().skip(first).enumerate().for_each(|(i, x)| sums[i / bins] += x * x);
+        // The features of the laws are the last ones, but for one of each joint that corrects their squares.
+        let first = left.len() - joints * (bins + 1);
+        left[first..first + joints * bins].iter().enumerate().for_each(|(i, x)| sums[i / bins] += x * x);
         count += bins as f64;
     }
     sums.iter().map(|sum| sum / f64::max(count, 1.0)).collect()

@@ -2,7 +2,7 @@
 
 use crate::GapError;
 use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, sum};
-use crate::jacobian::{AT_A_TIME, Nominal, beside_law, sensitivities, with_law};
+use crate::jacobian::{AT_A_TIME, Nominal, NominalLaw, beside_law, sensitivities, with_law};
 use crate::null::reference;
 use crate::null::whitening::{Sample, Whitener};
 use crate::problem::columns::{Column, Columns, Group};
@@ -14,7 +14,7 @@ use qv_fit::linear::{
 };
 use qv_recording::Run;
 use qv_rollout::Trace;
-use qv_rollout::law;
+use qv_rollout::law::{self, Reading};
 use qv_rollout::replicate::{Noise, Replicate, record};
 use qv_rollout::{Numerics, Overrides, Rollout, Window};
 use qv_rollout::{Raw, Residuals, TracedResiduals, compare, compare_and_trace, joint_lags};
@@ -83,6 +83,13 @@ pub struct RunProblem {
     pub noise: Noise,
     /// How stamps of torques lie.
     pub alignment: law::Alignment,
+}
+
+impl RunProblem {
+    /// How its laws are read.
+    pub(crate) fn reading(&self) -> Reading<'_> {
+        Reading { alignment: self.alignment, noise: Some(&self.noise) }
+    }
 }
 
 /// See the module.
@@ -187,8 +194,8 @@ impl<'a> LinearisedProblem<'a> {
             let all: Vec<&Window> = windows.iter().collect();
             let residuals = compare(&self.rollout, &self.rollout.numerics, &all, &[Overrides::new()])?;
             self.count(residuals.steps);
-            let alignments = vec![law::align(&self.rollout, &all); all.len()];
-            let raw = with_law(&self.rollout, &alignments, &all, &[Overrides::new()], residuals.values).remove(0);
+            let readings = vec![Reading { alignment: law::align(&self.rollout, &all), noise: None }; all.len()];
+            let raw = with_law(&self.rollout, &readings, &all, &[Overrides::new()], residuals.values).remove(0);
             pool.extend(windows.iter().map(|w| w.moving).zip(raw).filter(|p| !p.1.is_empty()));
         }
         reference::drop_outliers(&mut pool);
@@ -209,7 +216,7 @@ impl<'a> LinearisedProblem<'a> {
         let mut steps = 0;
         let alignment = law::align(rollout, &windows.iter().collect::<Vec<_>>());
         let (Nominal { raw, traces }, sensitivities) =
-            sensitivities(rollout, alignment, columns, &windows, &mut steps)?;
+            sensitivities(rollout, Reading { alignment, noise: Some(&noise) }, columns, &windows, &mut steps)?;
         let good: Vec<bool> = raw.iter().zip(&sensitivities).map(|(r, s)| !r.is_empty() && !s.is_empty()).collect();
         if good.iter().filter(|g| **g).count() < 8 {
             return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
@@ -387,9 +394,11 @@ impl<'a> LinearisedProblem<'a> {
         residuals: Residuals,
     ) -> Vec<Vec<Raw>> {
         self.count(residuals.steps);
-        let alignments: Vec<law::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
-        let laws = windows.iter().map(|&w| &self.seen[w].raw.law[..]).collect();
-        beside_law(&self.rollout, &alignments, (chosen, laws), settings, residuals.values)
+        let readings: Vec<Reading> = chosen.iter().map(|w| self.parts[w.run].reading()).collect();
+        let law =
+            |&w: &usize| NominalLaw { residual: &self.seen[w].raw.law, state_noise: &self.seen[w].raw.state_noise };
+        let laws = windows.iter().map(law).collect();
+        beside_law(&self.rollout, &readings, (chosen, laws), settings, residuals.values)
     }
 
     /// Sums over windows of one setting.
@@ -528,9 +537,9 @@ fn replicates(
         if !whole.is_empty() {
             let residuals = compare(rollout, &rollout.numerics, &whole, &[Overrides::new()])?;
             steps += residuals.steps;
-            let alignment = law::align(rollout, &whole);
-            let found = with_law(rollout, &vec![alignment; whole.len()], &whole, &[Overrides::new()], residuals.values)
-                .remove(0);
+            let reading = Reading { alignment: law::align(rollout, &whole), noise: None };
+            let found =
+                with_law(rollout, &vec![reading; whole.len()], &whole, &[Overrides::new()], residuals.values).remove(0);
             at.into_iter().zip(found).for_each(|(w, r)| raw[w] = r);
         }
         Ok((raw, of_columns, steps))

@@ -6,7 +6,7 @@ use crate::jacobian::{changes, with_law};
 use crate::problem::columns::{Column, Columns};
 use qv_fit::Matrix;
 use qv_fit::linear::gram;
-use qv_rollout::law::Alignment;
+use qv_rollout::law::Reading;
 use qv_rollout::{Overrides, Rollout, Window};
 use qv_rollout::{TracedResiduals, compare_and_trace};
 
@@ -42,13 +42,13 @@ impl<'a> LinearisedProblem<'a> {
     /// Simulates the nominal robot and some of the columns anew. Returns whether every window can be simulated.
     fn see_again(&mut self, moved: &[usize]) -> Result<bool, GapError> {
         let windows: Vec<&Window> = self.seen.iter().map(|s| &s.window).collect();
-        let alignments: Vec<Alignment> = windows.iter().map(|w| self.parts[w.run].alignment).collect();
+        let readings: Vec<Reading> = windows.iter().map(|w| self.parts[w.run].reading()).collect();
         let TracedResiduals { residuals: base, traces } =
             compare_and_trace(&self.rollout, &self.rollout.numerics, &windows, &[Overrides::new()])?;
-        let raw = with_law(&self.rollout, &alignments, &windows, &[Overrides::new()], base.values).remove(0);
+        let raw = with_law(&self.rollout, &readings, &windows, &[Overrides::new()], base.values).remove(0);
         let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();
         let mut steps = base.steps;
-        let found = changes(&self.rollout, &self.columns, &some, (&windows, &alignments, &raw), &mut steps)?;
+        let found = changes(&self.rollout, &self.columns, &some, (&windows, &readings, &raw), &mut steps)?;
         self.count(steps);
         if raw.iter().any(|r| r.is_empty()) || found.iter().flatten().any(Option::is_none) {
             return Ok(false);

@@ -101,6 +101,7 @@ impl Whitener {
         mode.root.whiten(&mut all);
         let law = raw.law.iter().enumerate().map(|(i, x)| x - mode.law_mean[i / self.law_bins]);
         all.extend(law.enumerate().map(|(i, x)| x / mode.law_deviation[i / self.law_bins]));
+        all.extend(raw.state_noise.iter().zip(&mode.law_deviation).map(|(x, deviation)| x / deviation));
         all
     }
 
@@ -110,8 +111,12 @@ impl Whitener {
         let size = mode.mean.len();
         let mut motion = Matrix::from_fn(size, raw.len(), |i, k| raw[k].motion[i]);
         mode.root.whiten_columns(&mut motion);
-        let law = |i: usize, k: usize| raw[k].law[i] / mode.law_deviation[i / self.law_bins];
-        let features = size + raw.first().map_or(0, |r| r.law.len());
+        let of_law = raw.first().map_or(0, |r| r.law.len());
+        let features = size + of_law + raw.first().map_or(0, |r| r.state_noise.len());
+        let law = |i: usize, k: usize| match i.checked_sub(of_law) {
+            Some(joint) => raw[k].state_noise[joint] / mode.law_deviation[joint],
+            None => raw[k].law[i] / mode.law_deviation[i / self.law_bins],
+        };
         Matrix::from_fn(features, raw.len(), |i, k| if i < size { motion[(i, k)] } else { law(i - size, k) })
     }
 
@@ -123,7 +128,7 @@ impl Whitener {
             let j = i / self.law_bins;
             (x - mode.law_mean[j]) / mode.law_deviation[j]
         };
-        Raw { motion, law: raw.law.iter().enumerate().map(of_law).collect() }
+        Raw { motion, law: raw.law.iter().enumerate().map(of_law).collect(), state_noise: Vec::new() }
     }
 }
 
