@@ -102,7 +102,7 @@ pub fn judge(
     let no_good = || CameraError::new("images", "images that agree with the scene somewhere", "none");
     let together = Together::new(path, rig.base_from_camera, rig.delay, &sightings).ok_or_else(no_good)?;
     let judge = Judge { footage, together, seen, stated: stated(&rig, options.width), width: options.width, policy };
-    let shows_another_place = judge.share_accounted_for() < policy.camera_accounted;
+    let shows_another_place = judge.share_accounted_for() < policy.camera.accounted;
     let free: Vec<usize> = (0..PLACE).collect();
     let all = judge.together.fit(&free, &[[0.0; SHARED]], |_| true).ok_or_else(no_good)?;
     let none = judge.fit(&[], &all, |_| true).ok_or_else(no_good)?;
@@ -117,7 +117,7 @@ pub fn judge(
     let mut confusable: Vec<Vec<usize>> = Vec::new();
     let mut before: Vec<f64> = seen.iter().map(|s| s.before.loss).collect();
     let measured = before.clone();
-    while accused.len() < policy.camera_most {
+    while accused.len() < policy.camera.most {
         let mut ranked: Vec<(usize, f64, Fit)> = allowed
             .iter()
             .filter(|e| !accused.contains(e))
@@ -132,18 +132,18 @@ pub fn judge(
             first = ranked.iter().map(|(e, evidence, _)| (*e, *evidence)).collect();
         }
         let Some((effect, evidence, fit)) = ranked.first() else { break };
-        if *evidence < policy.camera_evidence || !judge.is_large(*effect, &fit.shared) {
+        if *evidence < policy.camera.evidence || !judge.is_large(*effect, &fit.shared) {
             break;
         }
         let with = [&accused[..], &[*effect]].concat();
         let after = judge.unseen(&with, &all)?;
         let floor: f64 = seen.iter().map(|s| s.aligned.disagreement.loss).sum();
         let (fall, error) = fall(&before, &after);
-        let closes = fall * seen.len() as f64 > policy.camera_closed * (before.iter().sum::<f64>() - floor);
-        if fall < policy.camera_errors * error || !closes {
+        let closes = fall * seen.len() as f64 > policy.camera.closed * (before.iter().sum::<f64>() - floor);
+        if fall < policy.camera.errors * error || !closes {
             break;
         }
-        let alike = ranked[1..].iter().filter(|r| r.1 > evidence - policy.camera_alike && r.1 > policy.camera_evidence);
+        let alike = ranked[1..].iter().filter(|r| r.1 > evidence - policy.camera.alike && r.1 > policy.camera.evidence);
         confusable.push(alike.map(|r| r.0).collect());
         accused.push(*effect);
         (best, before) = (fit.clone(), after);
@@ -206,7 +206,7 @@ impl Judge<'_> {
         let fit = self.together.fit(&wide, &[[0.0; SHARED], best.shared], |_| true)?;
         let size = (PLACE..SHARED).map(|i| (fit.shared[i] / TOLERANCE[i]).powi(2)).sum::<f64>().sqrt();
         let norm = |of: Range<usize>| of.map(|i| fit.shared[i].powi(2)).sum::<f64>().sqrt();
-        let is_off = fit.evidence - best.evidence > self.policy.camera_evidence && size >= self.policy.camera_size;
+        let is_off = fit.evidence - best.evidence > self.policy.camera.evidence && size >= self.policy.camera.size;
         is_off.then(|| [norm(PLACE..PLACE + 3), norm(PLACE + 3..SHARED)])
     }
 
@@ -214,7 +214,7 @@ impl Judge<'_> {
     fn is_large(&self, effect: usize, shared: &[f64; SHARED]) -> bool {
         let CameraEffect { of, range, .. } = &EFFECTS[effect];
         let size = of.clone().map(|i| (shared[i] / TOLERANCE[i]).powi(2)).sum::<f64>().sqrt();
-        size >= self.policy.camera_size && of.clone().all(|i| (range[0]..=range[1]).contains(&shared[i]))
+        size >= self.policy.camera.size && of.clone().all(|i| (range[0]..=range[1]).contains(&shared[i]))
     }
 
     /// Offsets that effects alone foretell.

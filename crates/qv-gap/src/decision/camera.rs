@@ -21,7 +21,7 @@ pub struct CameraDecision {
 /// Decides on the camera alone.
 pub fn decide_camera(camera: &CameraEvidence, policy: &Policy) -> CameraDecision {
     // Without causes the level with them is that without.
-    let is_explained = camera.level[1] < policy.camera_explained && !camera.is_scene_off;
+    let is_explained = camera.level[1] < policy.camera.explained && !camera.is_scene_off;
     let verdict = match (camera.causes.is_empty(), is_explained) {
         (true, true) => Verdict::NoGap,
         (true, false) => Verdict::Unexplained,
@@ -46,12 +46,12 @@ fn ranking(camera: &CameraEvidence, policy: &Policy) -> Vec<RankedEffect> {
     let weight = |evidence: f64| (evidence / policy.nats).min(MOST_STEPS).exp();
     let weights = || camera.evidence.iter().map(|(_, evidence)| weight(*evidence));
     // Without an accusation none is likelier than all of them.
-    let of_none = if camera.causes.is_empty() { weights().fold(1.0, f64::max) * policy.camera_none } else { 1.0 };
+    let of_none = if camera.causes.is_empty() { weights().fold(1.0, f64::max) * policy.camera.none } else { 1.0 };
     let total: f64 = of_none + weights().sum::<f64>();
     let one = |(effect, evidence): &(String, f64)| {
         let share = weight(*evidence) / total;
         let is_accused = camera.causes.iter().any(|c| c.effect == *effect);
-        let probability = if is_accused { share.max(policy.accused_share) } else { share };
+        let probability = if is_accused { share.max(policy.explained) } else { share };
         RankedEffect { effect: effect.clone(), probability }
     };
     let mut all: Vec<RankedEffect> = camera.evidence.iter().map(one).collect();

@@ -2,7 +2,6 @@
 //! [`decide`](super::decide) goes by it, and a report is rendered from it.
 
 use crate::GapError;
-use crate::checks::actuator_residual::ActuatorResidual;
 use crate::checks::stationarity::Dependence;
 pub use crate::findings::Level;
 use crate::findings::{
@@ -37,10 +36,6 @@ pub struct EffectFacts {
     pub name: String,
     /// On what it acts.
     pub acts_on: ActsOn,
-    /// Whether it multiplies what a joint does by one number, of which the value is the deviation from 1.
-    pub is_factor: bool,
-    /// Whether it moves parameters of links alone.
-    pub is_of_links: bool,
     /// Whether it is a mass that is carried.
     pub is_payload: bool,
     /// Which of its values is a force upwards.
@@ -206,8 +201,6 @@ pub struct Closure {
 pub struct CorrectedRobot {
     /// What was accused.
     pub accused: Vec<IdentifiedCause>,
-    /// What the laws of the actuators leave.
-    pub actuator_residuals: Vec<ActuatorResidual>,
     /// Other effects of the accused joints that are asked for, best first.
     pub same_joints: Vec<LinearCandidate>,
     /// Log evidence of every effect that is not accused, by one linear step.
@@ -336,8 +329,6 @@ pub struct Evidence {
     pub effects: Vec<EffectFacts>,
     /// Level before anything is accused.
     pub level: Level,
-    /// What the laws of the actuators leave then.
-    pub actuator_residuals: Vec<ActuatorResidual>,
     /// Mean loss in windows that no fit has seen, and what noise alone gives.
     pub held_out: [f64; 2],
     /// What was found, round by round.

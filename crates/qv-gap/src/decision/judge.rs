@@ -5,6 +5,9 @@ use super::evidence::{Candidate, Round};
 use super::policy::Policy;
 use crate::problem::columns::Extent;
 
+/// Relative change of a held-out window that is none: the event lies elsewhere.
+const ROUNDING: f64 = 1e-9;
+
 /// What a round comes to.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Judgement {
@@ -31,7 +34,7 @@ impl<'j> Judge<'j> {
     /// Accuses the best candidate to which there is no objection. A better one that is no cause does not make a worse one
     /// a cause, unless it is a trifle, or chance alone reaches as much for it.
     pub fn judge(&self) -> Judgement {
-        let Policy { sure_event, least_share, most_judged, .. } = *self.policy;
+        let Policy { least_share, most_judged, .. } = *self.policy;
         let mut refused = None;
         let mut judged = 0;
         for k in self.by_evidence() {
@@ -48,8 +51,7 @@ impl<'j> Judge<'j> {
             };
             refused.get_or_insert_with(|| (candidate.effect.clone(), objection));
             // Nor does a faint push that was looked at: stumbles look like pushes beside any cause.
-            let is_stumble =
-                self.is_free && is_event && candidate.log_evidence < sure_event && candidate.share < least_share;
+            let is_stumble = self.is_free && is_event && candidate.share < least_share;
             // Nor does one of a robot that is held whose size is none that is looked for: it stands in for something else.
             let is_beyond = !self.is_free && self.is_at_edge(candidate);
             if has_evidence && !is_blow && !is_stumble && !is_beyond && !self.policy.is_trifle(candidate.size) {
@@ -76,23 +78,16 @@ impl<'j> Judge<'j> {
         self.round.candidates.iter().any(is_one)
     }
 
-    /// Whether a candidate is steady, larger than what any robot has, and has more evidence than a cause needs.
-    pub(crate) fn speaks_for(&self, candidate: &Candidate) -> bool {
-        let has_evidence = candidate.whole_evidence() > self.needed(candidate);
-        candidate.extent.is_none() && has_evidence && !self.policy.is_trifle(candidate.size)
-    }
-
     /// Log evidence that a candidate of its kind needs.
     fn needed(&self, candidate: &Candidate) -> f64 {
         let policy = self.policy;
         let least = match candidate.extent {
-            None if self.is_free => self.own_least(candidate).unwrap_or(policy.least_evidence),
-            None => policy.least_held_evidence,
-            Some(Extent::Region(_)) => policy.least_local_evidence,
             Some(Extent::Time(_)) if self.is_free => policy.least_event_evidence,
-            Some(Extent::Time(_)) => policy.least_held_event_evidence,
+            Some(Extent::Time(_)) => policy.held_windows.least_event_evidence,
+            _ if self.is_free => self.own_least(candidate).unwrap_or(policy.least_evidence),
+            _ => policy.held_windows.least_evidence,
         };
-        least.max(policy.over_null * candidate.by_chance)
+        least.max(candidate.by_chance)
     }
 
     /// Log evidence that the library states for an effect of a robot on its feet.
@@ -102,11 +97,7 @@ impl<'j> Judge<'j> {
 
     /// Whether a candidate is an event too short to be a push.
     fn is_too_short(&self, candidate: &Candidate) -> bool {
-        let least = match self.is_free {
-            true if candidate.log_evidence < self.policy.sure_event => self.policy.least_push,
-            true => self.policy.least_event,
-            false => self.policy.least_held_event,
-        };
+        let least = if self.is_free { self.policy.least_event } else { self.policy.held_windows.least_event };
         candidate.time().is_some_and(|[from, until]| until - from < least)
     }
 
@@ -149,7 +140,7 @@ impl<'j> Judge<'j> {
     /// Whether a steady candidate would be larger than what is looked for. What lies just within and closes most of the gap of a robot that is
     /// held, in windows that no fit has seen, stands in for nothing else.
     fn is_at_edge(&self, candidate: &Candidate) -> bool {
-        let closes = candidate.held_out.as_ref().is_some_and(|h| h.closed > self.policy.mostly_closed);
+        let closes = candidate.held_out.as_ref().is_some_and(|h| h.closed > self.policy.held_windows.mostly_closed);
         let is_within = !self.is_free && candidate.from_edge > 0.0 && closes;
         candidate.extent.is_none() && candidate.from_edge < self.policy.edge && !is_within
     }
@@ -158,49 +149,27 @@ impl<'j> Judge<'j> {
     fn held_out_objection(&self, candidate: &Candidate) -> Option<Objection> {
         let policy = self.policy;
         let Some(held_out) = &candidate.held_out else { return Some(Objection::NotLookedAt) };
-        let later = !(self.round.is_first || (candidate.time().is_some() && !self.is_free));
-        let (share, is_steady) = (candidate.share, candidate.extent.is_none());
-        let too_little = Objection::LittleBeside([share, held_out.closed]);
         if candidate.time().is_some() {
             // An event may lie between the windows that are held out, or touch the edge of one: nothing is said then.
-            let seen: Vec<f64> = held_out.falls.iter().copied().filter(|c| c.abs() > policy.changed).collect();
-            if seen.len() >= policy.changed_windows && seen.iter().sum::<f64>() < 0.0 {
-                return Some(Objection::Worsens(seen.len()));
+            let seen = || held_out.falls.iter().filter(|fall| fall.abs() > ROUNDING);
+            if seen().count() > 1 && seen().sum::<f64>() < 0.0 {
+                return Some(Objection::Worsens(seen().count()));
             }
-            let least = if later { policy.least_later_share } else { policy.least_share };
-            let is_sure = !later && (candidate.log_evidence > policy.sure_event || !self.is_free);
-            return (share < least && !is_sure).then_some(too_little);
+            let takes_little = self.is_free && candidate.share < policy.least_share;
+            return takes_little.then_some(Objection::LittleExcess(candidate.share));
         }
-        // No contact hides a gap of a robot that is held: where there is hardly one, its cause closes it.
-        let is_slight = !self.is_free && !later && is_steady && self.round.level.ratio < policy.no_gap;
-        if is_slight && held_out.closed < policy.least_closed {
-            return Some(Objection::LittleOfSlightGap([held_out.closed, self.round.level.ratio]));
-        }
-        let by_law = is_steady && policy.closes_actuator_residual(held_out.actuator_residual);
-        if later && by_law {
+        if policy.closes_actuator_residual(held_out.actuator_residual) {
             return None;
         }
-        if later && share < policy.least_later_share && held_out.closed < policy.least_later_closed {
-            return Some(too_little);
+        // Tolerated deviations can take most of a small effect upon them in the windows of the fit: what it closes elsewhere counts, too.
+        if candidate.share.max(held_out.closed) < policy.least_share {
+            return Some(Objection::LittleClosed(candidate.share.max(held_out.closed)));
         }
-        let asked_for = held_out.log_evidence.is_some_and(|e| e > policy.sure_held_out);
-        if !later && is_steady && asked_for {
-            return None;
-        }
-        // Tolerated deviations can take most of a small effect upon them: what it closes without them counts, too. Most of the
-        // excess of feet that slip is left by the right friction.
-        let [in_logarithms, its_error] = held_out.fall_of_logarithm;
-        let falls_all_over = in_logarithms > policy.sure_errors * its_error;
-        if is_steady && share < policy.least_share && held_out.closed < policy.least_closed && !falls_all_over {
-            return Some(Objection::LittleExcess(share));
-        }
-        // Windows in which feet slip are missed by the right friction, too: few of them must not hide the others.
-        let in_windows = if is_steady { held_out.fall } else { held_out.fall_of_logarithm };
+        // In a region few windows have a part: their logarithms say more than their mean.
+        let is_everywhere = candidate.extent.is_none();
+        let in_windows = if is_everywhere { held_out.fall } else { held_out.fall_of_logarithm };
         let [fall, error] = held_out.fall_of_pieces.unwrap_or(in_windows);
-        let needed = if is_steady { policy.least_errors } else { policy.least_local_errors };
-        // A few windows in which a foot missed a step make the mean fall uncertain, where nearly all windows fall.
-        let nearly_all = is_steady && fall > 0.0 && falls_all_over;
-        (fall < needed * error && !nearly_all && !by_law).then_some(Objection::LittleFall([fall, error]))
+        (fall < policy.least_errors * error).then_some(Objection::LittleFall([fall, error]))
     }
 
     /// A candidate, and if it is an event, those at other times than it and than better ones.

@@ -1,7 +1,7 @@
 //! Deciding: from what was measured (`evidence`) by numbers that are all printed (`policy`) to a verdict (`verdict`), without a simulation.
 //!
 //! Each round's candidates are judged (`judge`); what is accused in the end is checked for signs that it stands for something
-//! else (`checks`, `twins`).
+//! else (`checks`).
 
 mod camera;
 mod checks;
@@ -11,11 +11,10 @@ mod judge;
 mod policy;
 #[cfg(test)]
 mod tests;
-mod twins;
 mod verdict;
 
 pub use camera::{CameraDecision, NONE, both, decide_camera};
 pub use doubt::{Doubt, Objection};
 pub use judge::{Judge, Judgement};
-pub use policy::Policy;
+pub use policy::{Camera, HeldWindows, Policy};
 pub use verdict::{Decision, Divergence, decide, is_much_left};

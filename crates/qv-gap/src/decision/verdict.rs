@@ -1,12 +1,11 @@
 //! The verdict and the ranking, from what was measured.
 
 use super::camera::{CameraDecision, decide_camera};
-use super::checks::{Checks, actuator_left};
+use super::checks::Checks;
 use super::doubt::Doubt;
 use super::evidence::{Candidate, CorrectedRobot, Evidence, Level, Round};
 use super::judge::{Judge, Judgement};
 use super::policy::Policy;
-use crate::checks::actuator_residual::ActuatorResidual;
 use crate::findings::{RankedEffect, UNKNOWN, Verdict};
 use std::collections::BTreeMap;
 
@@ -72,7 +71,7 @@ fn path(evidence: &Evidence, policy: &Policy) -> Option<usize> {
         effects.dedup();
         let goes_on = round.after.as_ref().is_some_and(|after| {
             let is_full = effects.len() >= policy.most_causes || k + 1 >= policy.most_rounds;
-            !is_full && is_much_left(policy, &after.level, after.held_out)
+            !is_full && is_much_left(policy, &after.level, after.held_out, evidence.is_free)
         });
         if goes_on != (k + 1 < evidence.rounds.len()) {
             return Some(k + 1);
@@ -82,16 +81,15 @@ fn path(evidence: &Evidence, policy: &Policy) -> Option<usize> {
 }
 
 /// Whether the corrected robot is far enough from the recording to look for one more cause.
-pub fn is_much_left(policy: &Policy, level: &Level, [held_out, floor]: [f64; 2]) -> bool {
-    level.ratio >= policy.no_gap || held_out >= policy.much_left * floor
+pub fn is_much_left(policy: &Policy, level: &Level, [held_out, floor]: [f64; 2], is_free: bool) -> bool {
+    !policy.is_faultless(level, is_free) || held_out >= policy.much_left * floor
 }
 
 fn decision(evidence: &Evidence, policy: &Policy) -> Decision {
     let case = Case { evidence, policy };
     let doubt = evidence.corrected.as_ref().and_then(|corrected| case.doubt(corrected));
-    let (verdict, decided_by) = case.verdict(doubt.is_some());
-    let ranking = case.ranking(decided_by, doubt.is_some());
-    let doubt = doubt.or_else(|| case.too_far().filter(|_| verdict == Verdict::Unexplained));
+    let verdict = case.verdict(doubt.is_some());
+    let ranking = case.ranking(verdict);
     let rounds = (0..evidence.rounds.len()).map(|k| judge(evidence, policy, k)).collect();
     let camera = evidence.camera.as_ref().map(|camera| decide_camera(camera, policy));
     Decision { verdict, doubt, ranking, rounds, camera, policy: policy.clone() }
@@ -114,61 +112,76 @@ impl Case<'_> {
     }
 
     fn doubt(&self, corrected: &CorrectedRobot) -> Option<Doubt> {
-        if !self.evidence.is_free {
-            return None;
+        let checks = Checks { policy: self.policy, evidence: self.evidence, corrected };
+        if self.evidence.is_free { checks.doubt() } else { None }
+    }
+
+    /// Share of the held-out gap that all that is accused closes.
+    fn closed(&self) -> f64 {
+        self.evidence.corrected.as_ref().map_or(0.0, |c| c.closed.share_with_events)
+    }
+
+    fn verdict(&self, is_doubted: bool) -> Verdict {
+        if self.is_within_null() {
+            return Verdict::NoGap;
         }
-        let checks = Checks { policy: self.policy, evidence: self.evidence, corrected, level: self.level() };
-        let is_local = self.accused().any(|c| c.extent.is_some());
-        checks.doubt().or_else(|| if is_local { None } else { checks.closes_too_little() })
+        match (&self.evidence.corrected, self.evidence.is_free) {
+            (None, _) => self.without_cause(),
+            (Some(_), _) if is_doubted => Verdict::Unexplained,
+            (Some(_), true) => self.with_cause(),
+            (Some(_), false) => self.with_cause_of_held(),
+        }
     }
 
-    /// The verdict, and what it is before windows that no fit has seen are asked whether most of the gap is closed there: the ranking goes by
-    /// that.
-    fn verdict(&self, is_doubted: bool) -> (Verdict, Verdict) {
-        let verdict = self.beyond_null(is_doubted);
-        let closed = self.evidence.corrected.as_ref().map_or(0.0, |c| c.closed.share_with_events);
-        // What looks like nothing is left in the windows of the fit, and is there in those that no fit has seen.
-        let is_left = verdict == Verdict::Explained && closed < self.policy.mostly;
-        (if is_left { Verdict::PartlyExplained } else { verdict }, verdict)
-    }
-
-    /// No gap where windows that no fit has seen show no more than the null, and all windows together hardly more: a gap is
-    /// what exceeds the null, and there is none, whatever fits a part of the noise better.
-    fn beyond_null(&self, is_doubted: bool) -> Verdict {
-        let verdict = self.by_level(is_doubted);
+    /// Windows that no fit has seen show no more than the null, and what is accused closes little of it: a gap is what exceeds the null, whatever
+    /// fits a part of the noise better.
+    fn is_within_null(&self) -> bool {
         // Nothing but its motors moves a robot that is held, and replicates without an effect are farther from the simulator than it is.
         let are_pushes = self.taken_by_pushes().is_some();
         if !self.evidence.is_free && !are_pushes && self.evidence.level.ratio < 1.0 {
-            return Verdict::NoGap;
-        }
-        let closed = self.evidence.corrected.as_ref().map_or(0.0, |c| c.closed.share);
-        if verdict == Verdict::NoGap || (verdict == Verdict::Explained && closed >= self.policy.mostly) {
-            return verdict;
+            return true;
         }
         let [before, floor] = self.evidence.held_out;
-        let is_within_null = before <= floor && self.evidence.level.ratio < self.policy.no_gap;
-        if is_within_null { Verdict::NoGap } else { verdict }
+        let is_faultless = self.policy.is_faultless(&self.evidence.level, self.evidence.is_free);
+        before <= floor && is_faultless && self.evidence.corrected.is_some() && self.closed() < self.policy.explained
     }
 
-    fn by_level(&self, is_doubted: bool) -> Verdict {
-        let Evidence { is_free, corrected, level, actuator_residuals, rounds, .. } = self.evidence;
-        if is_doubted {
-            return Verdict::Unexplained;
-        }
-        let is_faint = |taken: f64| taken < self.policy.pushes_take && level.ratio < self.policy.no_gap;
-        if self.taken_by_pushes().is_some_and(is_faint) {
-            return Verdict::NoGap;
-        }
-        let law = |of: &ActuatorResidual| of.ratio > self.policy.faultless_law;
-        let actuators_agree = !is_free || !actuator_left(self.policy, actuator_residuals, &[]).is_some_and(law);
-        let calm = if *is_free { self.policy.faultless_level } else { self.policy.no_gap };
+    /// Nothing is accused: there is no gap, or none of the library.
+    fn without_cause(&self) -> Verdict {
+        let Evidence { is_free, level, rounds, .. } = self.evidence;
         let suspicious = |round: &Round| Judge::new(self.policy, round, *is_free).is_suspicious();
         let is_suspicious = *is_free && rounds.first().is_some_and(suspicious);
-        match (corrected.is_none(), self.policy.is_explained(&self.level())) {
-            (true, _) if level.ratio < calm && actuators_agree && !is_suspicious => Verdict::NoGap,
-            (true, _) => Verdict::Unexplained,
-            (false, true) => Verdict::Explained,
-            (false, false) => self.partly(),
+        let is_faultless = self.policy.is_faultless(level, *is_free) && !is_suspicious;
+        if is_faultless { Verdict::NoGap } else { Verdict::Unexplained }
+    }
+
+    /// Nothing speaks against what is accused.
+    fn with_cause(&self) -> Verdict {
+        let is_all = self.policy.is_faultless(&self.level(), true) && self.closed() >= self.policy.explained;
+        if is_all { Verdict::Explained } else { Verdict::PartlyExplained }
+    }
+
+    /// The same of a robot that is held: what pushed an arm at one time is reported whatever the arm lacks at all others.
+    fn with_cause_of_held(&self) -> Verdict {
+        let Policy { held_windows: of_held, least_share, explained, .. } = self.policy;
+        let level = self.level();
+        let is_faultless = self.policy.is_faultless(&level, false);
+        if let Some(taken) = self.taken_by_pushes() {
+            let was_faultless = self.policy.is_faultless(&self.evidence.level, false);
+            let is_told = taken >= of_held.pushes_take || (level.ratio < of_held.quiet_enough && taken >= *least_share);
+            return match (taken < of_held.pushes_take && was_faultless, is_told) {
+                (true, _) => Verdict::NoGap,
+                (_, true) if is_faultless && self.closed() >= *explained => Verdict::Explained,
+                (_, true) => Verdict::PartlyExplained,
+                _ => Verdict::Unexplained,
+            };
+        }
+        let is_mostly = self.closed() > of_held.mostly_closed && level.ratio < of_held.quiet_enough;
+        match (is_faultless, self.closed() >= *explained) {
+            (true, true) => Verdict::Explained,
+            (true, false) => Verdict::PartlyExplained,
+            _ if is_mostly => Verdict::PartlyExplained,
+            _ => Verdict::Unexplained,
         }
     }
 
@@ -180,91 +193,45 @@ impl Case<'_> {
         are_pushes.then(|| (before - self.level().ratio) / (before - 1.0).max(f64::MIN_POSITIVE))
     }
 
-    /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess. What
-    /// pushed an arm at one time is reported whatever the arm lacks at all others.
-    fn partly(&self) -> Verdict {
-        let policy = self.policy;
-        let now = self.level().ratio;
-        if let Some(taken) = self.taken_by_pushes() {
-            let is_quiet = now < policy.quiet_enough && taken >= policy.least_closed;
-            let is_told = is_quiet || taken >= policy.pushes_take;
-            return if is_told { Verdict::PartlyExplained } else { Verdict::Unexplained };
-        }
-        let (before, after) = (self.evidence.level.ratio - 1.0, now - 1.0);
-        let nearly_all = after < policy.nearly_all * before && now < policy.unexplained_beside;
-        let is_local = self.accused().any(|c| c.extent.is_some());
-        let closed = match &self.evidence.corrected {
-            Some(corrected) if !is_local => corrected.closed.share,
-            _ => 0.0,
-        };
-        if nearly_all || (closed > policy.mostly_closed && now < self.most_beside()) {
-            Verdict::PartlyExplained
-        } else {
-            Verdict::Unexplained
-        }
-    }
-
-    /// Level up to which causes are reported beside something unknown. No stumble leaves a level of its own in a robot that is held, but what its
-    /// joints lack does.
-    fn most_beside(&self) -> f64 {
-        if self.evidence.is_free { self.policy.unexplained_beside } else { self.policy.quiet_enough }
-    }
-
-    /// What was accused leaves too much.
-    fn too_far(&self) -> Option<Doubt> {
-        self.evidence.corrected.as_ref().map(|_| Doubt::TooFar([self.level().ratio, self.most_beside()]))
-    }
-
-    /// Probability of `unknown` by what is left.
-    fn unknown_by_level(&self) -> f64 {
-        sigmoid((self.level().ratio - self.policy.unexplained) / self.policy.unexplained_width)
-    }
-
-    /// Probabilities of the effects and of `unknown`.
-    fn ranking(&self, verdict: Verdict, is_doubted: bool) -> Vec<RankedEffect> {
+    /// Scores of the effects and of `unknown`, at most 1 together: what is accused is known by the share of the gap that it closes, and rivals share
+    /// by their evidence; without a cause at least half is unknown, and without a gap nothing is asked for.
+    fn ranking(&self, verdict: Verdict) -> Vec<RankedEffect> {
         let policy = self.policy;
         let best = self.rivals(verdict);
-        let most = best.values().copied().fold(0.0, f64::max);
-        let weight = |evidence: f64| ((evidence - most) / policy.nats).exp();
-        let total: f64 = best.values().map(|e| weight(*e)).sum::<f64>().max(1e-300);
-        let unknown = match verdict {
-            // What is there may be too small to be seen.
-            Verdict::NoGap => {
-                policy.unknown_in_no_gap * sigmoid((self.level().ratio - policy.no_gap) / policy.no_gap_width)
-            }
-            Verdict::Unexplained if is_doubted => policy.unknown_doubted,
-            // What is nearest was not good enough to be accused.
-            Verdict::Unexplained => self.unknown_by_level().max(policy.unknown_unexplained),
-            _ => self.unknown_by_level(),
+        let closed = self.closed().clamp(0.0, 1.0);
+        let known = match verdict {
+            Verdict::NoGap => 0.0,
+            Verdict::Unexplained => (1.0 - policy.explained) * closed,
+            Verdict::Explained | Verdict::PartlyExplained => closed.max(policy.explained),
         };
-        // Something is accused beside what is unknown.
-        let unknown = if verdict == Verdict::PartlyExplained { unknown.min(policy.unknown_beside) } else { unknown };
-        let known = if verdict == Verdict::NoGap { policy.known_in_no_gap } else { 1.0 - unknown };
-        let accused: Vec<&str> = self.accused().map(|c| c.effect.as_str()).collect();
-        let mut ranking: Vec<RankedEffect> = best
-            .iter()
-            .map(|(effect, evidence)| {
-                let share = known * weight(*evidence) / total;
-                // One that was found in a later round has no rival left in the first; what is asked for beside it and was not
-                // accused is no more than even.
-                let probability = match accused.contains(effect) {
-                    true => share.max(policy.accused_share * known),
-                    false if !accused.is_empty() => share.min(policy.beside_share * known),
-                    false => share,
-                };
-                RankedEffect { effect: effect.to_string(), probability }
-            })
+        let is_reported = matches!(verdict, Verdict::Explained | Verdict::PartlyExplained);
+        let accused: Vec<&str> = self.accused().map(|c| c.effect.as_str()).filter(|_| is_reported).collect();
+        let most = best.values().copied().fold(0.0, f64::max);
+        let weight = |(effect, evidence): (&&str, &f64)| {
+            let by_evidence = ((evidence - most) / policy.nats).exp();
+            // One that was found in a later round has no rival left in the first; what was not accused is no more than even.
+            let weight = match accused.contains(effect) {
+                true => 1.0,
+                false if is_reported => by_evidence.min(1.0 - policy.explained),
+                false => by_evidence,
+            };
+            (effect.to_string(), weight)
+        };
+        let weights: Vec<(String, f64)> = best.iter().map(weight).collect();
+        let total: f64 = weights.iter().map(|w| w.1).sum::<f64>().max(1e-300);
+        let mut ranking: Vec<RankedEffect> = weights
+            .into_iter()
+            .map(|(effect, weight)| RankedEffect { effect, probability: known * weight / total })
             .collect();
-        // What is accused takes most: the others share the rest.
-        let is_accused = |r: &RankedEffect| accused.contains(&r.effect.as_str());
-        let largest = ranking.iter().filter(|r| is_accused(r)).map(|r| r.probability).fold(0.0, f64::max);
-        let others: f64 = ranking.iter().filter(|r| !is_accused(r)).map(|r| r.probability).sum();
-        let rest = ((known - largest).max(0.0) / others.max(1e-300)).min(1.0);
-        ranking.iter_mut().filter(|r| !is_accused(r)).for_each(|r| r.probability *= rest);
+        let unknown = if verdict == Verdict::NoGap { 0.0 } else { 1.0 - known };
         ranking.push(RankedEffect { effect: UNKNOWN.into(), probability: unknown });
-        // Thousands of nats below the best all probabilities are 0, and evidence still shows.
+        // Thousands of nats below the best all scores are 0, and evidence still shows.
         let evidence = |r: &RankedEffect| best.get(r.effect.as_str()).copied().unwrap_or(f64::NEG_INFINITY);
-        ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(evidence(b).total_cmp(&evidence(a))));
+        let key = |r: &RankedEffect| (accused.contains(&r.effect.as_str()), r.probability, evidence(r));
+        ranking.sort_by(|a, b| {
+            let (a, b) = (key(a), key(b));
+            b.0.cmp(&a.0).then(b.1.total_cmp(&a.1)).then(b.2.total_cmp(&a.2))
+        });
         ranking
     }
 
@@ -285,11 +252,6 @@ impl Case<'_> {
         }
         best
     }
-}
-
-/// The logistic function.
-fn sigmoid(x: f64) -> f64 {
-    1.0 / (1.0 + (-x).exp())
 }
 
 /// The best log evidence of each effect in a round.

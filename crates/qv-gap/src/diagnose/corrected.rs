@@ -34,7 +34,6 @@ impl Findings<'_> {
             joints: nominal.rollout.model.joint_names().to_vec(),
             effects: effects.collect(),
             level: self.opening.level,
-            actuator_residuals: self.opening.actuator_residuals.clone(),
             held_out: self.opening.held_out,
             corrected: self.corrected(nominal)?,
             rounds: self.rounds.iter().map(|r| r.round.clone()).collect(),
@@ -57,9 +56,8 @@ impl Findings<'_> {
         let level = self.rounds.iter().rev().find_map(|r| r.round.after).map_or(1.0, |after| after.level.ratio);
         let Some(study) = self.later.as_mut() else { return Ok(None) };
         let accused = self.accused.iter().map(|a| accused(nominal, study, a)).collect();
-        let actuator_residuals = crate::checks::actuator_residual::actuator_residuals(study);
         let (same_joints, beside) = asked(study, &self.accused, level.max(1.0))?;
-        Ok(Some(CorrectedRobot { accused, actuator_residuals, same_joints, beside, closed }))
+        Ok(Some(CorrectedRobot { accused, same_joints, beside, closed }))
     }
 
     /// How far the gap shrinks in windows that no fit has seen.
@@ -93,8 +91,6 @@ fn facts(effect: &Effect, is_known: bool) -> EffectFacts {
             Scope::Links => ActsOn::Links,
             _ => ActsOn::Other,
         },
-        is_factor: effect.scope == Scope::Joints && effect.unit == "1" && !effect.absolute && effect.axes.len() == 1,
-        is_of_links: moves().all(|m| m.starts_with("link.")),
         is_payload: moves().any(|m| m.ends_with(".payload_mass")),
         upwards: effect.axes.iter().position(|a| a.moves.contains_key("external.force_z")),
         is_known,

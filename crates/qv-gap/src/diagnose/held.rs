@@ -82,7 +82,6 @@ fn one(
             null: held.reference_loss(),
             count: f64::NAN,
         },
-        actuator_residuals: Vec::new(),
         held_out: [held.loss, held.reference_loss()],
         rounds: Vec::new(),
         corrected: None,
@@ -106,8 +105,6 @@ fn facts(effect: &Effect, without: &[String]) -> EffectFacts {
     EffectFacts {
         name: effect.name.clone(),
         acts_on: ActsOn::Other,
-        is_factor: false,
-        is_of_links: false,
         is_payload: false,
         upwards: None,
         is_known: !without.contains(&effect.name),

@@ -15,7 +15,6 @@ pub use progress::Progress;
 use rounds::RoundResult;
 
 use crate::GapError;
-use crate::checks::actuator_residual::{ActuatorResidual, actuator_residuals};
 use crate::checks::by_recording::by_recording;
 use crate::checks::held_out::{closure, held_out_loss};
 use crate::decision::evidence::{After, Evidence, Level};
@@ -177,7 +176,6 @@ fn closed_to(study: &LinearisedProblem, names: &[String]) -> Vec<usize> {
 #[derive(Clone)]
 struct Opening {
     level: Level,
-    actuator_residuals: Vec<ActuatorResidual>,
     /// Mean loss in windows that no fit has seen, and what noise alone gives.
     held_out: [f64; 2],
     places: Where,
@@ -186,12 +184,7 @@ struct Opening {
 impl Opening {
     fn new(study: &LinearisedProblem) -> Result<Self, GapError> {
         let held_out = [held_out_loss(study), study.floor];
-        Ok(Self {
-            level: level(study)?,
-            actuator_residuals: actuator_residuals(study),
-            held_out,
-            places: attribution::places(study),
-        })
+        Ok(Self { level: level(study)?, held_out, places: attribution::places(study) })
     }
 }
 
@@ -356,6 +349,7 @@ impl<'a> Session<'a> {
             self.plan.add(if findings.on_feet { &[progress::STUDY, progress::SIZES] } else { &[progress::STUDY] });
             let fits: Vec<(usize, Fit)> = round.round.accused.iter().map(|&k| (k, round.fits[k].clone())).collect();
             let study = findings.later.as_mut().unwrap_or(nominal);
+            let is_free = study.rollout.free;
             for (candidate, fit) in fits {
                 let one = self.accuse(study, [number, candidate], fit, &findings.corrections)?;
                 match one.event(study) {
@@ -373,7 +367,7 @@ impl<'a> Session<'a> {
             findings.rounds[number].round.after = Some(after);
             let policy = &self.options.policy;
             let full = findings.effects().len() >= policy.most_causes || findings.rounds.len() >= policy.most_rounds;
-            if full || !is_much_left(policy, &level, after.held_out) {
+            if full || !is_much_left(policy, &level, after.held_out, is_free) {
                 findings.later = Some(next);
                 return Ok(findings);
             }

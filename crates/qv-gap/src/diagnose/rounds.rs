@@ -93,7 +93,7 @@ fn look(
     candidates: &mut [Candidate],
     policy: &Policy,
 ) -> Result<(), GapError> {
-    let least = if study.rollout.free { policy.least_event } else { policy.least_held_event };
+    let least = if study.rollout.free { policy.least_event } else { policy.held_windows.least_event };
     let mut looked_at = [0; 2];
     for (fit, candidate) in fits.iter().zip(candidates) {
         if candidate.time().is_some_and(|[from, until]| until - from < least) {

@@ -45,7 +45,7 @@ fn of_group(study: &LinearisedProblem, marginal: &Marginal, policy: &Policy, ind
     }
     let needed = match study.rollout.free {
         true => effect.least_evidence.unwrap_or(policy.least_evidence),
-        false => policy.least_held_evidence,
+        false => policy.held_windows.least_evidence,
     } - effect.log_prior;
     let mut of = Vec::new();
     for (axis, named) in effect.axes.iter().enumerate() {

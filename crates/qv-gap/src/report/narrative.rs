@@ -9,6 +9,13 @@ use crate::report::{
 };
 use qv_page::significant;
 
+/// Share of the evidence of what is accused from which on another effect does nearly as well.
+const NEARLY_AS_GOOD: f64 = 0.95;
+/// Gap over floor from which on advice begins with the model: of 157 recordings of one or two effects the largest had 143.
+const HUGE_GAP: f64 = 200.0;
+/// The same where no effect explains it: a model with all masses times 3 makes 60 to 90, with half as much again 30.
+const LARGE_UNEXPLAINED: f64 = 25.0;
+
 /// Effects that nothing shows from each other where the base goes as its legs say: a tilted IMU walks on a slope, and a foot that slips or
 /// bounces makes a start that is wrong.
 const ONE_WITHOUT_POSES: [&[&str]; 2] =
@@ -88,7 +95,7 @@ pub fn whole(
     (causes, leads, several, gap): (&[Cause], &[Lead], Option<&Together>, &Gap),
 ) -> String {
     let sentence = sentence(decision.verdict, (causes, gap), (leads, &data.dead), &decision.ranking);
-    let as_good = as_good(evidence.rounds.first(), causes, &decision.policy);
+    let as_good = as_good(evidence.rounds.first(), causes);
     let all = [Some(sentence), as_good, several.map(together), disagree(causes, leads, &decision.policy)];
     let of_legs = if data.on_legs { beside_verdict(causes) } else { Vec::new() };
     let fall = data.fall.iter().map(|fall| format!("({fall}.)"));
@@ -201,11 +208,11 @@ fn together(together: &Together) -> String {
 }
 
 /// Steady effects that have nearly the evidence of the one that is accused, in words; `None` if there are none, or if more is accused.
-fn as_good(first: Option<&Round>, causes: &[Cause], policy: &Policy) -> Option<String> {
+fn as_good(first: Option<&Round>, causes: &[Cause]) -> Option<String> {
     let ([cause], round) = (causes, first?) else { return None };
     let accused = &round.candidates[*round.accused.first()?];
     let is_as_good = |c: &&Candidate| {
-        let has_evidence = c.log_evidence > policy.nearly_as_good * accused.log_evidence;
+        let has_evidence = c.log_evidence > NEARLY_AS_GOOD * accused.log_evidence;
         c.extent.is_none() && c.effect != cause.effect && has_evidence
     };
     let mut others: Vec<String> = Vec::new();
@@ -241,7 +248,7 @@ pub fn round(round: &Round, judgement: &Judgement) -> RoundSummary {
 }
 
 /// What to look at before any effect: broken encoders, `dead`, and a model that is another robot's.
-fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[String], policy: &Policy) -> Vec<String> {
+fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[String]) -> Vec<String> {
     let mut first = Vec::new();
     if !dead.is_empty() {
         first.push(format!(
@@ -249,13 +256,13 @@ fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[String], policy: &Policy) -
             dead.join(", ")
         ));
     }
-    if verdict != Verdict::NoGap && gap.before > policy.huge_gap * gap.floor {
+    if verdict != Verdict::NoGap && gap.before > HUGE_GAP * gap.floor {
         first.push(format!(
             "The gap is {:.0} times the noise floor. Check the model first: masses and lengths of the URDF, names and order of the \
              joints, gains, units and signs of every channel.",
             gap.before / gap.floor
         ));
-    } else if verdict == Verdict::Unexplained && dead.is_empty() && gap.before > policy.large_unexplained * gap.floor {
+    } else if verdict == Verdict::Unexplained && dead.is_empty() && gap.before > LARGE_UNEXPLAINED * gap.floor {
         first.push(format!(
             "The gap is {:.0} times the noise floor, and no effect explains it: the model may be wrong. Check masses and lengths of \
              the URDF, gains and units first.",
@@ -314,7 +321,7 @@ pub fn next(
     (causes, leads, gap): (&[Cause], &[Lead], &Gap),
 ) -> Vec<String> {
     let verdict = decision.verdict;
-    let mut next = first_of_all(verdict, gap, &data.dead, &decision.policy);
+    let mut next = first_of_all(verdict, gap, &data.dead);
     if let Some(closed) = slips(evidence, causes.iter()) {
         next.push(format!(
             "Whole windows cannot be predicted where feet slip. In windows of 0.1 s this friction removes {:.0} % of the error \

@@ -89,7 +89,7 @@ fn causes(data: &ReportData, decision: &Decision) -> Vec<Cause> {
 
 /// What a held robot without a gap is not: replicates of one joint that run away take the null with them, and say nothing of the others.
 fn doubt_of_null(evidence: &Evidence, verdict: Verdict, gap: &Gap, decision: &Decision) -> Option<String> {
-    let is_beyond = gap.before > decision.policy.no_gap * gap.floor;
+    let is_beyond = gap.before > decision.policy.held_windows.no_gap * gap.floor;
     (verdict == Verdict::NoGap && !evidence.is_free && is_beyond).then(|| {
         format!(
             "Held-out windows lie {:.1} times above the noise floor, and their joints {:.0} mrad off: simulated replicates may have spoiled the null. \

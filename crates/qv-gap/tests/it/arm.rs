@@ -2,8 +2,8 @@
 
 use crate::facts::States;
 use crate::two_links::{ARM, SETTINGS, model};
-use qv_gap::decision::Policy;
 use qv_gap::decision::evidence::Evidence;
+use qv_gap::decision::{HeldWindows, Policy};
 use qv_gap::export::{to_html, to_json};
 use qv_gap::inference::linearised::NullOptions;
 use qv_gap::report::{Report, Verdict, report as rendered};
@@ -127,7 +127,8 @@ fn two_pushes_are_told_with_their_times_and_torques() {
 #[test]
 fn stored_evidence_gives_the_report_of_its_diagnosis() {
     let load = [("link.lower.payload_mass", 0.3)];
-    let nothing = Policy { least_held_evidence: 1e9, ..Policy::default() };
+    let nothing =
+        Policy { held_windows: HeldWindows { least_evidence: 1e9, ..Default::default() }, ..Policy::default() };
     for (parameters, policy) in [(&load[..], Policy::default()), (&load[..], nothing), (&[][..], Policy::default())] {
         let options = Options { policy, ..quick() };
         let runs = [recorded(parameters, &[], 17)];
@@ -193,7 +194,8 @@ fn several_faults_at_once_are_sized_together() {
     .concat();
     let faults: Vec<(&str, f64)> = faults.iter().map(|(name, value)| (name.as_str(), *value)).collect();
     // Nothing is accused under this policy.
-    let policy = Policy { least_held_evidence: 1e9, ..Policy::default() };
+    let policy =
+        Policy { held_windows: HeldWindows { least_evidence: 1e9, ..Default::default() }, ..Policy::default() };
     let options = Options { policy, ..Default::default() };
     let report = diagnose(&[recorded(&faults, &[], 12)], &model(), &Terrain::none(), &options, 0).unwrap().report;
     let together = report.together.as_ref().unwrap_or_else(|| panic!("{}", report.sentence));

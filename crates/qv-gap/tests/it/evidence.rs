@@ -1,7 +1,7 @@
 //! Decides on stored evidence of twelve sealed recordings (`fixtures/evidence`), of three origins and four cases. Nothing is simulated.
 
 use qv_gap::decision::evidence::Evidence;
-use qv_gap::decision::{Decision, Policy, decide};
+use qv_gap::decision::{Decision, HeldWindows, Policy, decide};
 use qv_gap::report::report;
 use serde_json::Value;
 use std::fs;
@@ -79,7 +79,11 @@ fn what_is_there_is_among_the_likeliest() {
 
 #[test]
 fn a_policy_that_asks_for_more_accuses_less() {
-    let strict = Policy { least_evidence: 1e9, least_held_evidence: 1e9, ..Policy::default() };
+    let strict = Policy {
+        least_evidence: 1e9,
+        held_windows: HeldWindows { least_evidence: 1e9, ..Default::default() },
+        ..Policy::default()
+    };
     let accusing = |policy: &Policy| -> usize {
         // Where the policy parts from what was measured, what would have followed is not known.
         let all = answers().into_iter().map(|(name, ..)| decide(&evidence(&name), policy));

@@ -28,7 +28,7 @@ pub(super) fn gap(report: &Report) -> String {
         write!(bars, "<p class=\"soft small\">{unit}{seen}; the noise floor is what noise and numerics alone give</p>");
     format!(
         "<h2>Error before and after</h2><div class=\"grid even\" style=\"--min:360px\"><div class=\"card\"><h3>Normalized error</h3>{bars}</div>{}</div>",
-        closed(gap, verdict, has_causes, report.policy.mostly)
+        closed(gap, verdict, has_causes, report.policy.explained)
     )
 }
 
