@@ -19,6 +19,11 @@ pub fn grid(least: usize, html: &str) -> String {
     format!("<div class=\"grid\" style=\"--min:{least}px\">{html}</div>")
 }
 
+/// What is wider than a narrow screen, in a box that scrolls by pointer and by keyboard; `name` is text.
+pub fn scroll(name: &str, html: &str) -> String {
+    format!("<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{}\">{html}</div>", escape(name))
+}
+
 /// How good news are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mood {
@@ -171,7 +176,7 @@ impl Table {
     /// The same with a class of the style, such as `facts`.
     pub fn to_html_as(&self, class: &str) -> String {
         let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
-        format!("<div class=\"scroll\"><table{class}>{}{}</table></div>", self.head, self.body)
+        scroll("table", &format!("<table{class}>{}{}</table>", self.head, self.body))
     }
 }
 
