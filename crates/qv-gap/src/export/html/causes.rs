@@ -46,7 +46,7 @@ fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String
     let mut row = |name: &str, value: String| {
         let _ = write!(text, "<dt>{name}</dt><dd>{value}</dd>");
     };
-    let sizes: Vec<String> = c.parameters.iter().map(|p| parameter(c, p)).collect();
+    let sizes = sizes(c);
     if !sizes.is_empty() {
         row("size", format!("{} <span class=\"soft small\">95 % interval</span>", sizes.join("<br>")));
     }
@@ -67,10 +67,22 @@ fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String
     text + "</dl></article>"
 }
 
-fn parameter(c: &Cause, p: &crate::report::ParameterEstimate) -> String {
-    let size = format!("<b>{}</b>", escape(&size(p)));
-    // One value needs no name beside the effect's.
-    if c.parameters.len() == 1 { size } else { format!("{} {size}", escape(&words(&p.name).to_lowercase())) }
+/// Each size with its interval, as HTML; several have their names and, where each part has one, their parts.
+pub(super) fn sizes(c: &Cause) -> Vec<String> {
+    let sizes = c.parameters.iter().map(|p| format!("<b>{}</b>", escape(&size(p))));
+    if c.parameters.len() == 1 {
+        // One value needs no name beside the effect's.
+        return sizes.collect();
+    }
+    let name = |label: String| escape(&words(&label).to_lowercase());
+    c.parameter_labels()
+        .into_iter()
+        .zip(sizes)
+        .map(|((label, part), size)| {
+            let of = part.map_or(String::new(), |part| format!(" of {}", escape(part)));
+            format!("{}{of} {size}", name(label.into()))
+        })
+        .collect()
 }
 
 fn scope(c: &Cause, library: &[Effect]) -> String {
