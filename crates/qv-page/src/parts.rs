@@ -133,15 +133,21 @@ impl Table {
     /// With groups of columns (name and number of columns) above a row of names or units; all are text.
     pub fn grouped(groups: &[(&str, usize)], heads: &[&str]) -> Self {
         let group = |(name, columns): &(&str, usize)| match columns {
+            _ if name.is_empty() => format!("<td class=\"blank\" colspan=\"{columns}\"></td>"),
             1 => format!("<th>{}</th>", escape(name)),
             n => format!("<th colspan=\"{n}\">{}</th>", escape(name)),
         };
         let groups: String = groups.iter().map(group).collect();
-        let heads: String = heads.iter().map(|h| format!("<th>{}</th>", escape(h))).collect();
+        let own = Self::default();
+        let heads: String = heads.iter().enumerate().map(|(k, h)| own.cell("th", k, "", &escape(h))).collect();
         Self { head: format!("<tr>{groups}</tr><tr class=\"units\">{heads}</tr>"), ..Self::default() }
     }
 
     fn cell(&self, tag: &str, column: usize, more: &str, html: &str) -> String {
+        if tag == "th" && html.is_empty() {
+            // A heading without words heads nothing.
+            return "<td class=\"blank\"></td>".into();
+        }
         let class = if self.left.contains(&column) { " class=\"left\"" } else { "" };
         format!("<{tag}{class}{more}>{html}</{tag}>")
     }

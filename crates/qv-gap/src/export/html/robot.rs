@@ -33,8 +33,8 @@ pub(super) fn robot(model: &Model, traces: &Traces, cause: Option<&Cause>, libra
     let limbs = limbs(model, &poses);
     let Some(view) = View::of(&limbs) else { return String::new() };
     let marked = cause.map_or_else(Marked::default, |cause| Marked::of(model, cause, library));
-    let mut svg = String::new();
-    for limb in &limbs {
+    let mut svg = trunk(model, &poses, &view, &marked);
+    for limb in limbs.iter().filter(|limb| !is_trunk(model, limb.link)) {
         let class = if marked.links.contains(&limb.link) { "limb marked" } else { "limb" };
         let ([x1, y1], [x2, y2]) = (view.at(limb.from), view.at(limb.to));
         let _ = write!(svg, "<line class=\"{class}\" x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\"/>");
@@ -56,6 +56,33 @@ pub(super) fn robot(model: &Model, traces: &Traces, cause: Option<&Cause>, libra
          <figcaption>{where_text}</figcaption></figure>",
         escape(&model.name)
     )
+}
+
+/// Whether a link is a floating base that limbs hang on, which is drawn as an area.
+fn is_trunk(model: &Model, link: usize) -> bool {
+    let limbs = model.links.iter().filter(|l| l.parent == Some(link)).count();
+    link == 0 && model.base == BaseKind::Floating && limbs >= 3
+}
+
+/// The area between the joints on a floating base.
+fn trunk(model: &Model, poses: &[Pose], view: &View, marked: &Marked) -> String {
+    let hips = (0..model.links.len()).filter(|&l| model.links[l].parent == Some(0));
+    let corners: Vec<[f64; 2]> = hips.map(|l| view.at(poses[l].position)).collect();
+    if !is_trunk(model, 0) {
+        return String::new();
+    }
+    let points: Vec<String> = around(corners).iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+    let class = if marked.links.contains(&0) { "trunk marked" } else { "trunk" };
+    format!("<polygon class=\"{class}\" points=\"{}\"/>", points.join(" "))
+}
+
+/// Points in the order of their directions from their middle.
+fn around(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    let count = points.len().max(1) as f64;
+    let middle = [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
+    let angle = |p: &[f64; 2]| (p[1] - middle[1]).atan2(p[0] - middle[0]);
+    points.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
+    points
 }
 
 /// Positions at the start of the recording where it is kept, else zero within the limits.
@@ -260,6 +287,12 @@ mod tests {
     #[test]
     fn without_a_cause_the_robot_is_drawn_and_nothing_is_marked() {
         let html = robot(&go2(), &Traces::default(), None, &built_in());
-        assert!(html.contains("<line class=\"limb\"") && !html.contains("marked\"") && !html.contains("NaN"), "{html}");
+        assert!(
+            html.contains("<polygon class=\"trunk\"")
+                && html.contains("<line class=\"limb\"")
+                && !html.contains("marked\"")
+                && !html.contains("NaN"),
+            "{html}"
+        );
     }
 }
