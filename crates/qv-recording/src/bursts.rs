@@ -24,7 +24,7 @@ pub(crate) struct Sender {
 
 /// How stamps of bursts were put where messages were sent.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Evened {
+pub(crate) struct EvenStamps {
     /// In words, for a remark.
     pub how: String,
     /// The sender's clock, where there is one.
@@ -33,7 +33,7 @@ pub(crate) struct Evened {
 
 /// Puts stamps \[ns\] where messages that came in bursts were sent, and says how: by the time of their sender where there is one, else on even times.
 /// The last message of a burst is the least delayed, so that the line through those is where all were sent.
-pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<Evened> {
+pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<EvenStamps> {
     if stamps.len() < LEAST || stamps.windows(2).any(|w| w[1] < w[0]) {
         return None;
     }
@@ -55,7 +55,7 @@ pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<Evened> {
         if let Some(sent) = sent_at(stamps, times) {
             stamps.copy_from_slice(&sent);
             let how = format!("{came}: their times are those of the sender's {name}");
-            return Some(Evened { how, clock: Some(clock) });
+            return Some(EvenStamps { how, clock: Some(clock) });
         }
     }
     let mut start = 0;
@@ -65,7 +65,7 @@ pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<Evened> {
         even(&mut stamps[start..end], start, &ends);
         start = end;
     }
-    Some(Evened { how: format!("{came}: their stamps are evened out"), clock: None })
+    Some(EvenStamps { how: format!("{came}: their stamps are evened out"), clock: None })
 }
 
 /// When messages were sent by a clock of their sender, on the clock of their stamps \[ns\]; `None` where it is no clock of its own: each message has

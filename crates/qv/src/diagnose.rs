@@ -249,7 +249,7 @@ impl Diagnose {
             say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
         remarks.iter().for_each(|what| remark(what));
-        if !has_fragment && !report.causes.is_empty() {
+        if !has_fragment && report.corrections_apply && !report.corrections.is_empty() {
             remark(
                 "mjcf_fragment.xml was not written: an MJCF include cannot state these corrections (report.html: what to change by hand)",
             );

@@ -25,7 +25,7 @@ pub fn message(text: &str, command: &str) -> String {
         Some((text, hint)) => (text, Some(hint.to_owned())),
         None => (text, None),
     };
-    let Shaped { error, hint } = shaped(&without_excerpt(text), command);
+    let ErrorWords { error, hint } = shaped(&without_excerpt(text), command);
     let general = || match command {
         "" => "`qv --help` lists commands, options and examples".to_owned(),
         _ => format!("`qv {command} --help` lists options and examples"),
@@ -42,16 +42,16 @@ fn without_excerpt(text: &str) -> String {
     }
 }
 
-struct Shaped {
+struct ErrorWords {
     error: String,
     hint: Option<String>,
 }
 
-fn shaped(text: &str, command: &str) -> Shaped {
+fn shaped(text: &str, command: &str) -> ErrorWords {
     if text.starts_with("cannot ") {
-        return Shaped { error: text.to_owned(), hint: None };
+        return ErrorWords { error: text.to_owned(), hint: None };
     }
-    let plain = |error: String| Shaped { error, hint: None };
+    let plain = |error: String| ErrorWords { error, hint: None };
     if let Some((what, reason)) = text.strip_prefix("writing ").and_then(split) {
         return plain(format!("cannot write '{what}': {}", system(reason).map_or(reason, |known| known.2)));
     }
@@ -65,12 +65,15 @@ fn shaped(text: &str, command: &str) -> Shaped {
     };
     let found = reason.rsplit_once("found ").map_or(reason, |(_, found)| found);
     if let Some((_, verb, words)) = system(found).filter(|_| found.len() < PLACE) {
-        return Shaped { error: format!("cannot {verb} '{place}': {part}{words}"), hint: hint_for_file(place, reason) };
+        return ErrorWords {
+            error: format!("cannot {verb} '{place}': {part}{words}"),
+            hint: hint_for_file(place, reason),
+        };
     }
     if let Some(misspelt) = found.strip_prefix("unknown ").and_then(|rest| rest.split_once("; nearest: ")) {
         let (what, nearest) = misspelt;
         let error = format!("cannot use '{place}': {part}unknown {what}");
-        return Shaped { error, hint: Some(format!("did you mean '{nearest}'?")) };
+        return ErrorWords { error, hint: Some(format!("did you mean '{nearest}'?")) };
     }
     let verb = if is_file(place) { "read" } else { "use" };
     plain(format!("cannot {verb} '{place}': {part}{reason}"))

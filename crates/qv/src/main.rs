@@ -194,7 +194,7 @@ enum UsageError {
 }
 
 /// The command that was typed, with the options of `qv.toml`.
-struct Typed {
+struct CommandLine {
     cli: Cli,
     /// The folder that it writes into.
     output: Option<PathBuf>,
@@ -202,7 +202,7 @@ struct Typed {
     name: String,
 }
 
-fn understood() -> Result<Typed, UsageError> {
+fn understood() -> Result<CommandLine, UsageError> {
     let mut root = Cli::command();
     root.build();
     let typed = std::env::args_os().collect();
@@ -225,7 +225,7 @@ fn understood() -> Result<Typed, UsageError> {
     });
     words.remarks().iter().for_each(|what| progress::remark(what));
     old_names(&root, &matches, &words.all).iter().for_each(|what| progress::remark(what));
-    Ok(Typed { cli, output, name: name_of(&matches) })
+    Ok(CommandLine { cli, output, name: name_of(&matches) })
 }
 
 /// The words of the command that was typed, such as `walk train`.
@@ -286,7 +286,7 @@ fn main() -> ExitCode {
         return if policy_child::serve().is_ok() { ExitCode::SUCCESS } else { ExitCode::from(1) };
     }
     fleet::end_with_parent();
-    let Typed { cli, output, name } = match understood() {
+    let CommandLine { cli, output, name } = match understood() {
         Ok(found) => found,
         Err(UsageError::Config(error)) => {
             report(&error, "");

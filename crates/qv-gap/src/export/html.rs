@@ -93,6 +93,7 @@ fn answers(report: &Report) -> Vec<(&'static str, String)> {
         return vec![("Nearest candidate", nearest.map_or(String::new(), |e| escape(&words(e)))), ("Next step", next)];
     };
     let sizes = causes::sizes(cause);
+    let has_interval = causes::has_interval(cause);
     let removes = match report.corrections_apply {
         true => format!("{} ({low} to {high})", percent(report.gap.closed)),
         false => "no held-out error: not a correction".into(),
@@ -104,7 +105,7 @@ fn answers(report: &Report) -> Vec<(&'static str, String)> {
     };
     vec![
         ("Cause", format!("<b>{}</b>", escape(&words(&cause.effect)))),
-        ("Size (95 % interval)", sizes.join("<br>")),
+        (if has_interval { "Size (95 % interval)" } else { "Size" }, sizes.join("<br>")),
         ("Removes, of the held-out excess error", removes),
         ("Certainty", sure),
         ("Next step", next),

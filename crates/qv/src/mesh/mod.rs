@@ -36,7 +36,7 @@ use qv_splat::files::{Format, ply as splat_ply};
 use qv_splat::lens::Distorter;
 use qv_splat::moved;
 use serde_json::json;
-use simplify::{Simplified, simplify};
+use simplify::{SimpleSurface, THICKNESS, simplify};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -74,8 +74,6 @@ const LABEL_STRIDE: usize = 3;
 const SAMPLES: usize = 400_000;
 /// Share of the points of two surfaces that meet below which laying one on the other is doubted: redkitchen from colour alone has 0.73 to 0.75, plain Gaussians 0.49.
 const WELL_LAID: f64 = 0.5;
-/// Floor of the solid below its lowest point \[m\].
-const THICKNESS: f64 = 0.2;
 
 /// A scene of Gaussians without cameras: what is missing, and where it comes from.
 fn cannot_mesh(scene: &Path) -> Failure {
@@ -223,7 +221,7 @@ impl Mesh {
         let Some(most) = self.triangles else { return };
         let max_error = self.max_error.unwrap_or(0.5 * self.voxel);
         let how = DecimateOptions { triangles: most, max_error };
-        let Simplified { mesh: simple, decimated, added } = simplify(mesh, &how, !self.open);
+        let SimpleSurface { mesh: simple, decimated, added } = simplify(mesh, &how, !self.open);
         (*mesh, report.decimated) = (simple, decimated);
         report.topology = Topology::of(mesh);
         let left = mesh.triangles.len() + added;

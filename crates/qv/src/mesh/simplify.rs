@@ -1,15 +1,16 @@
 //! `--triangles`: as many as the finished mesh may have, walls and floor of the solid included.
 
-use super::THICKNESS;
 use qv_core::TriangleMesh;
 use qv_mesh::close::close_to_solid;
 use qv_mesh::decimate::{DecimateOptions, Decimation, decimate};
 
+/// Floor of the solid below its lowest point \[m\].
+pub(super) const THICKNESS: f64 = 0.2;
 /// Simplifications at most: walls and floor have fewer triangles when the rim has fewer sides.
 const TRIES: usize = 4;
 
 /// A surface that is simplified.
-pub(super) struct Simplified {
+pub(super) struct SimpleSurface {
     /// The open surface.
     pub mesh: TriangleMesh,
     pub decimated: Decimation,
@@ -19,12 +20,12 @@ pub(super) struct Simplified {
 
 /// Simplifies an open surface so that it has at most `options.triangles`, with the walls and the floor where it will be closed to a solid; more
 /// are left where the surface would move too far.
-pub(super) fn simplify(surface: &TriangleMesh, options: &DecimateOptions, is_solid: bool) -> Simplified {
+pub(super) fn simplify(surface: &TriangleMesh, options: &DecimateOptions, is_solid: bool) -> SimpleSurface {
     let of = |triangles: usize| {
         let mut mesh = surface.clone();
         let decimated = decimate(&mut mesh, &DecimateOptions { triangles, max_error: options.max_error });
         let added = if is_solid { closing(&mesh) } else { 0 };
-        Simplified { mesh, decimated, added }
+        SimpleSurface { mesh, decimated, added }
     };
     let mut goal = options.triangles;
     let mut found = of(goal);

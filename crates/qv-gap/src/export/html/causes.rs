@@ -48,7 +48,8 @@ fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String
     };
     let sizes = sizes(c);
     if !sizes.is_empty() {
-        row("size", format!("{} <span class=\"soft small\">95 % interval</span>", sizes.join("<br>")));
+        let note = if has_interval(c) { " <span class=\"soft small\">95 % interval</span>" } else { "" };
+        row("size", sizes.join("<br>") + note);
     }
     if !c.scope.is_empty() {
         row("scope", scope(c, library));
@@ -65,6 +66,11 @@ fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String
         row("to separate them", escape(&c.separating_experiment));
     }
     text + "</dl></article>"
+}
+
+/// Whether a size has an interval.
+pub(super) fn has_interval(c: &Cause) -> bool {
+    c.parameters.iter().any(|p| p.ci95.iter().all(|x| x.is_finite()))
 }
 
 /// Each size with its interval, as HTML; several have their names and, where each part has one, their parts.

@@ -32,7 +32,7 @@ pub(super) fn robot(model: &Model, traces: &Traces, cause: Option<&Cause>, libra
     let poses = model.world_from_links(&posture(model, traces));
     let limbs = limbs(model, &poses);
     let Some(view) = View::of(&limbs) else { return String::new() };
-    let marked = cause.map_or_else(Marked::default, |cause| Marked::of(model, cause, library));
+    let marked = cause.map_or_else(Marks::default, |cause| Marks::of(model, cause, library));
     let mut svg = trunk(model, &poses, &view, &marked);
     for limb in limbs.iter().filter(|limb| !is_trunk(model, limb.link)) {
         let class = if marked.links.contains(&limb.link) { "limb marked" } else { "limb" };
@@ -65,7 +65,7 @@ fn is_trunk(model: &Model, link: usize) -> bool {
 }
 
 /// The area between the joints on a floating base.
-fn trunk(model: &Model, poses: &[Pose], view: &View, marked: &Marked) -> String {
+fn trunk(model: &Model, poses: &[Pose], view: &View, marked: &Marks) -> String {
     let hips = (0..model.links.len()).filter(|&l| model.links[l].parent == Some(0));
     let corners: Vec<[f64; 2]> = hips.map(|l| view.at(poses[l].position)).collect();
     if !is_trunk(model, 0) {
@@ -169,7 +169,7 @@ fn projected(p: DVec3) -> [f64; 2] {
 
 /// What a cause acts on.
 #[derive(Default)]
-struct Marked {
+struct Marks {
     joints: BTreeSet<usize>,
     links: BTreeSet<usize>,
     /// Why nothing of the robot is marked.
@@ -177,7 +177,7 @@ struct Marked {
     has_cause: bool,
 }
 
-impl Marked {
+impl Marks {
     fn of(model: &Model, cause: &Cause, library: &[Effect]) -> Self {
         let kind = library.iter().find(|e| e.name == cause.effect).map(|e| e.scope);
         let is_named = |name: &str| {
@@ -223,7 +223,7 @@ impl Marked {
 }
 
 /// Names beside few marks.
-fn names(model: &Model, poses: &[Pose], marked: &Marked, view: &View) -> String {
+fn names(model: &Model, poses: &[Pose], marked: &Marks, view: &View) -> String {
     let joints = marked.joints.iter().map(|&j| (model.joints[j].name.as_str(), poses[model.joints[j].link].position));
     let links =
         marked.links.iter().map(|&l| (model.links[l].name.as_str(), poses[l].transform_point(model.links[l].com)));
