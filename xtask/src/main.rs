@@ -1,6 +1,7 @@
 //! Chores of the workspace. `cargo xtask --help` lists them.
 
 mod advisories;
+mod axe;
 mod bench;
 mod blind;
 mod book;
@@ -8,6 +9,7 @@ mod fuzz;
 mod golden;
 mod guides;
 mod kills;
+mod pictures;
 mod pipeline;
 mod process;
 mod programs;
@@ -44,6 +46,10 @@ enum Chore {
     Quick(quick::Quick),
     /// The main job on a made-up yard: photographs, recordings, scene, mesh, friction, replay, diagnosis, one page
     Pipeline(pipeline::Pipeline),
+    /// Write docs/pictures/view.png (moving) and diagnosis.png (annotated) from the pipeline's pages (needs Chromium)
+    Pictures(pictures::Pictures),
+    /// Run axe-core on the pages that tests kept (needs node)
+    Axe(axe::Axe),
     /// Check the links of docs/ and build them as a book in target/book (needs mdbook)
     Book,
     /// Check the invariants of docs/dev/ARCHITECTURE.md
@@ -86,6 +92,8 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Test { release } => test::run(&workspace, release),
         Chore::Quick(quick) => quick::run(&workspace, &quick),
         Chore::Pipeline(pipeline) => pipeline::run(&workspace, &pipeline),
+        Chore::Pictures(pictures) => pictures::run(&workspace, &pictures),
+        Chore::Axe(axe) => axe::run(&workspace, &axe),
         Chore::Book => book::run(&workspace),
         Chore::Tidy => tidy::run(&workspace),
         Chore::Golden(golden) => golden::run(&workspace, golden),

@@ -33,7 +33,7 @@ pub fn section(sight: &Sight, looks: &[Looks]) -> String {
         let _ = write!(text, "<p><b>{}</b>: {}</p>", escape(&words(&cause.effect)), escape(&values.join(", ")));
     }
     if !looks.is_empty() {
-        text += "<div class=\"scroll\"><table><tr><th>image<th>scene as measured<th>difference<th>scene corrected<th>difference</tr>";
+        text += "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"images\"><table><tr><th>image<th>scene as measured<th>difference<th>scene corrected<th>difference</tr>";
         looks.iter().for_each(|looks| text += &row(looks));
         text += "</table></div>";
     }
@@ -41,13 +41,18 @@ pub fn section(sight: &Sight, looks: &[Looks]) -> String {
 }
 
 fn row(looks: &Looks) -> String {
-    let pictures =
-        [&looks.photograph, &looks.measured, &looks.difference_before, &looks.corrected, &looks.difference_after];
+    let pictures = [
+        ("image", &looks.photograph),
+        ("scene as measured", &looks.measured),
+        ("difference before", &looks.difference_before),
+        ("scene corrected", &looks.corrected),
+        ("difference after", &looks.difference_after),
+    ];
     let cells: String = pictures
         .iter()
-        .map(|rgb| match png(looks.width, looks.height, rgb) {
+        .map(|(name, rgb)| match png(looks.width, looks.height, rgb) {
             Some(bytes) => format!(
-                "<td><img alt=\"\" width=\"{}\" height=\"{}\" src=\"data:image/png;base64,{}\">",
+                "<td><img alt=\"{name}\" width=\"{}\" height=\"{}\" src=\"data:image/png;base64,{}\">",
                 looks.width,
                 looks.height,
                 base64(&bytes)

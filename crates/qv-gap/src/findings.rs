@@ -227,6 +227,20 @@ pub struct Cause {
     pub by_recording: Vec<OfRecording>,
 }
 
+impl Cause {
+    /// Name of each parameter, and the part that it is of where each part of the scope has one.
+    pub fn parameter_labels(&self) -> Vec<(&str, Option<&str>)> {
+        let count = |name: &str| self.parameters.iter().filter(|p| p.name == name).count();
+        let mut labels = Vec::new();
+        for (k, p) in self.parameters.iter().enumerate() {
+            let before = self.parameters[..k].iter().filter(|other| other.name == p.name).count();
+            let is_of_parts = count(&p.name) == self.scope.len() && self.scope.len() > 1;
+            labels.push((p.name.as_str(), is_of_parts.then(|| self.scope[before].as_str())));
+        }
+        labels
+    }
+}
+
 /// What the remaining error goes along with.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Factor {

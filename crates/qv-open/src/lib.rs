@@ -38,7 +38,7 @@ pub use calibration::{Calibration, calibration_of};
 pub use description::description_of;
 pub use error::{file_error, write_error};
 pub use model::{included, model_named, model_of, read_model, read_urdf, robot_mapping, urdf_of};
-pub use recording::{Reading, bag_files, beyond_range, lost_from, open_run, remarks_of};
+pub use recording::{Reading, bag_files, beyond_range, lost_from, lost_from_model, open_run, remarks_of};
 pub use robot::robot_model;
 pub use table::{mapping_of, run_of_table, urdf_beside};
 

@@ -9,7 +9,7 @@ use crate::unread;
 use qv_recording::mapping::Mapping;
 use qv_recording::run::Loss;
 use qv_recording::{BagFile, RecordingError, Run, robots};
-use qv_sim::{Batch, Model, SimOptions, Terrain};
+use qv_sim::{BaseKind, Batch, Model, SimOptions, Terrain};
 use std::cell::Cell;
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
@@ -231,7 +231,36 @@ pub fn beyond_range(parameters: &[(String, f64)], model: &Model, terrain: &Terra
 
 /// What is reported for how a recording and its robot were read, a line each: nothing is lost by it.
 pub fn remarks_of(run: &Run, model: &Model) -> Vec<String> {
-    run.remarks.iter().chain(&model.remarks).cloned().collect()
+    // Links of a robot that is held seldom touch anything.
+    let shapes = left_out_shapes(model).filter(|_| model.base == BaseKind::Fixed);
+    run.remarks.iter().chain(&model.remarks).cloned().chain(shapes).collect()
+}
+
+/// What a model lacks of its file, a line each; collision shapes share one. Those of a fixed base are no loss, see [`remarks_of`].
+pub fn lost_from_model(model: &Model) -> Vec<String> {
+    let others = model.left_out.iter().filter(|part| !is_shape(part));
+    let others = others.map(|part| format!("left out of the model: {part}"));
+    let shapes = left_out_shapes(model).filter(|_| model.base != BaseKind::Fixed);
+    others.chain(shapes).collect()
+}
+
+fn is_shape(part: &str) -> bool {
+    part.starts_with("collision shape of link ")
+}
+
+/// Collision shapes that were not read, in one line.
+fn left_out_shapes(model: &Model) -> Option<String> {
+    let parts: Vec<&String> = model.left_out.iter().filter(|part| is_shape(part)).collect();
+    match parts[..] {
+        [] => None,
+        [one] => Some(format!("left out of the model: {one}; its contacts are not simulated")),
+        [first, ..] => {
+            let count = parts.len();
+            Some(format!(
+                "left out of the model: {count} collision shapes, whose contacts are not simulated; the first: {first}"
+            ))
+        }
+    }
 }
 
 /// What was lost of a recording or could not be used as it is, a line each.
@@ -257,6 +286,25 @@ fn open_table(csv: &Path, seen: ReadProgress) -> Result<Run, RecordingError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn shapes_share_a_line_and_are_no_loss_of_an_arm() {
+        let link = |name: &str| {
+            format!(
+                "<link name=\"{name}\"><inertial><mass value=\"1\"/><inertia ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" iyz=\"0\" izz=\"1\"/></inertial>\
+                     <collision><geometry><mesh filename=\"{name}.stl\"/></geometry></collision></link>"
+            )
+        };
+        let joint = "<joint name=\"j\" type=\"continuous\"><parent link=\"a\"/><child link=\"b\"/><axis xyz=\"0 0 1\"/></joint>";
+        let urdf = format!("<robot name=\"r\">{}{}{joint}</robot>", link("a"), link("b"));
+        for base in [BaseKind::Fixed, BaseKind::Floating] {
+            let model = Model::from_urdf(&urdf, &qv_sim::ModelOptions { base, ..Default::default() }).unwrap();
+            let lost = lost_from_model(&model);
+            assert_eq!(lost.len(), usize::from(base == BaseKind::Floating), "{base:?}: {lost:?}");
+            let said = left_out_shapes(&model).unwrap();
+            assert!(said.contains("`a`") || said.contains("`b`"), "{said}");
+        }
+    }
 
     #[test]
     fn metadata_lists_files_and_numbers_sort() {

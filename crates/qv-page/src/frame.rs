@@ -4,6 +4,8 @@ use crate::html::MARK;
 use crate::policy::policy;
 use crate::text::escape;
 
+/// Colours by name, light and dark, of all pages: a page that fills the screen by itself has them, too.
+pub const TOKENS: &str = include_str!("tokens.css");
 /// The style of all pages.
 const STYLE: &str = include_str!("style.css");
 /// Draws the boards.
@@ -39,7 +41,7 @@ impl Page<'_> {
         format!(
             "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">{policy}\
              <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{title}</title>\
-             <style>{STYLE}{}</style><h1>{heading}</h1>{}{script}</html>\n",
+             <style>{TOKENS}{STYLE}{}</style><body><main><h1>{heading}</h1>{}</main>{script}</body></html>\n",
             self.style, self.body
         )
     }
@@ -70,6 +72,6 @@ mod tests {
 
     #[test]
     fn the_script_does_not_end_itself() {
-        assert!(!PLOTS.contains("</script") && !STYLE.contains("</style"));
+        assert!(!PLOTS.contains("</script") && ![TOKENS, STYLE].concat().contains("</style"));
     }
 }

@@ -32,7 +32,7 @@ mod still;
 mod text;
 
 pub use board::{Band, Board, Choice, Column, Line, Look, Panel, Stretch};
-pub use frame::Page;
+pub use frame::{Page, TOKENS};
 pub use number::{fixed, percent, significant};
 pub use parts::Table;
 pub use policy::policy;

@@ -19,6 +19,11 @@ pub fn grid(least: usize, html: &str) -> String {
     format!("<div class=\"grid\" style=\"--min:{least}px\">{html}</div>")
 }
 
+/// What is wider than a narrow screen, in a box that scrolls by pointer and by keyboard; `name` is text.
+pub fn scroll(name: &str, html: &str) -> String {
+    format!("<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{}\">{html}</div>", escape(name))
+}
+
 /// How good news are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mood {
@@ -128,15 +133,21 @@ impl Table {
     /// With groups of columns (name and number of columns) above a row of names or units; all are text.
     pub fn grouped(groups: &[(&str, usize)], heads: &[&str]) -> Self {
         let group = |(name, columns): &(&str, usize)| match columns {
+            _ if name.is_empty() => format!("<td class=\"blank\" colspan=\"{columns}\"></td>"),
             1 => format!("<th>{}</th>", escape(name)),
             n => format!("<th colspan=\"{n}\">{}</th>", escape(name)),
         };
         let groups: String = groups.iter().map(group).collect();
-        let heads: String = heads.iter().map(|h| format!("<th>{}</th>", escape(h))).collect();
+        let own = Self::default();
+        let heads: String = heads.iter().enumerate().map(|(k, h)| own.cell("th", k, "", &escape(h))).collect();
         Self { head: format!("<tr>{groups}</tr><tr class=\"units\">{heads}</tr>"), ..Self::default() }
     }
 
     fn cell(&self, tag: &str, column: usize, more: &str, html: &str) -> String {
+        if tag == "th" && html.is_empty() {
+            // A heading without words heads nothing.
+            return "<td class=\"blank\"></td>".into();
+        }
         let class = if self.left.contains(&column) { " class=\"left\"" } else { "" };
         format!("<{tag}{class}{more}>{html}</{tag}>")
     }
@@ -171,7 +182,7 @@ impl Table {
     /// The same with a class of the style, such as `facts`.
     pub fn to_html_as(&self, class: &str) -> String {
         let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
-        format!("<div class=\"scroll\"><table{class}>{}{}</table></div>", self.head, self.body)
+        scroll("table", &format!("<table{class}>{}{}</table>", self.head, self.body))
     }
 }
 

@@ -65,12 +65,8 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     let mut faults = Vec::new();
     let jumps = join_clocks(&mut collector.topics);
     let TopicChoice { topics: chosen, namespace, remarks } = choose_streams(&collector, namespace, &lost, &mut faults)?;
-    let clocks: Vec<Clock> = collector.topics.iter_mut().map(choose_clock).collect();
     let mut evened = Vec::new();
-    for (topic, clock) in collector.topics.iter_mut().zip(&clocks) {
-        let stamps = if *clock == Clock::Header { &mut topic.stamps } else { &mut topic.logged };
-        evened.extend(even_out(stamps, &topic.sender).map(|how| format!("{}: {how}", topic.info.topic)));
-    }
+    let clocks: Vec<Clock> = collector.topics.iter_mut().map(|topic| clock_of(topic, &mut evened)).collect();
     let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
     let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
     for (place, jump, topic) in jumps {
@@ -92,7 +88,11 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
             let topic = &mut collector.topics[topic];
             report_errors(topic, epoch, &mut faults);
             let message = &mapping.streams[stream].messages[topic.stream.expect("chosen by stream").1];
-            take(&mut run, topic, message, clock, epoch, &mut faults);
+            let mut found = Vec::new();
+            take(&mut run, topic, message, clock, epoch, &mut found);
+            // The sender's clock says in which order messages were sent: sorting by it loses nothing.
+            found.retain(|f| !(clock.is_of_sender() && f.kind == FaultKind::OutOfOrder));
+            faults.extend(found);
         }
     }
     if let Some(text) = description(&collector.topics, mapping, &namespace) {
@@ -270,6 +270,20 @@ fn choose_clock(topic: &mut Topic) -> Clock {
         && !topic.stamps.is_empty()
         && topic.stamps.iter().zip(&topic.logged).all(|(s, l)| s.saturating_sub(*l).abs() < SECOND);
     if agrees { Clock::Header } else { Clock::Log }
+}
+
+/// The clock of a topic; bursts are put where their messages were sent, which `remarks` get.
+fn clock_of(topic: &mut Topic, remarks: &mut Vec<String>) -> Clock {
+    let clock = choose_clock(topic);
+    let is_header = clock == Clock::Header;
+    let stamps = if is_header { &mut topic.stamps } else { &mut topic.logged };
+    let Some(evened) = even_out(stamps, &topic.sender) else { return clock };
+    remarks.push(format!("{}: {}", topic.info.topic, evened.how));
+    let Some(of_sender) = evened.clock else { return clock };
+    if is_header {
+        topic.logged.clone_from(&topic.stamps);
+    }
+    of_sender
 }
 
 fn stamps_of(topic: &Topic, clock: Clock) -> &[i64] {

@@ -1,5 +1,7 @@
 //! Stamps of messages that came in bursts, as over Wi-Fi: put back where they were sent.
 
+use crate::run::Clock;
+
 /// Messages that show bursts, at least.
 const LEAST: usize = 60;
 /// An interval below this share of the mean one is within a burst; so many of all must be.
@@ -20,9 +22,18 @@ pub(crate) struct Sender {
     pub ticks: Vec<f64>,
 }
 
+/// How stamps of bursts were put where messages were sent.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct EvenStamps {
+    /// In words, for a remark.
+    pub how: String,
+    /// The sender's clock, where there is one.
+    pub clock: Option<Clock>,
+}
+
 /// Puts stamps \[ns\] where messages that came in bursts were sent, and says how: by the time of their sender where there is one, else on even times.
 /// The last message of a burst is the least delayed, so that the line through those is where all were sent.
-pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<String> {
+pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<EvenStamps> {
     if stamps.len() < LEAST || stamps.windows(2).any(|w| w[1] < w[0]) {
         return None;
     }
@@ -40,10 +51,11 @@ pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<String> {
         1e-6 * burst
     );
     let ticks: Vec<i64> = sender.ticks.iter().map(|tick| (1e6 * tick) as i64).collect();
-    for (clock, name) in [(&sender.sent, "`publish_time`"), (&ticks, "`tick`")] {
-        if let Some(sent) = sent_at(stamps, clock) {
+    for (times, name, clock) in [(&sender.sent, "`publish_time`", Clock::Published), (&ticks, "`tick`", Clock::Tick)] {
+        if let Some(sent) = sent_at(stamps, times) {
             stamps.copy_from_slice(&sent);
-            return Some(format!("{came}: their times are those of the sender's {name}"));
+            let how = format!("{came}: their times are those of the sender's {name}");
+            return Some(EvenStamps { how, clock: Some(clock) });
         }
     }
     let mut start = 0;
@@ -53,7 +65,7 @@ pub(crate) fn even_out(stamps: &mut [i64], sender: &Sender) -> Option<String> {
         even(&mut stamps[start..end], start, &ends);
         start = end;
     }
-    Some(format!("{came}: their stamps are evened out"))
+    Some(EvenStamps { how: format!("{came}: their stamps are evened out"), clock: None })
 }
 
 /// When messages were sent by a clock of their sender, on the clock of their stamps \[ns\]; `None` where it is no clock of its own: each message has
@@ -114,7 +126,7 @@ mod tests {
         for burst in [10, 20, 60] {
             let mut stamps = logged(burst);
             let said = even_out(&mut stamps, &Sender::default()).unwrap();
-            assert!(said.contains("bursts"), "{said}");
+            assert!(said.how.contains("bursts") && said.clock.is_none(), "{said:?}");
             let late = |i: usize| (stamps[i] - 2_000_000 * i as i64).abs();
             assert!((0..1000).all(|i| late(i) < 1_500_000), "{burst} {:?}", (0..1000).map(late).max());
         }
@@ -137,9 +149,10 @@ mod tests {
         let sent: Vec<i64> = kept.iter().map(|&i| 7_000_000_000 + 2_000_000 * i as i64).collect();
         let by_tick = Sender { ticks: ticks.clone(), sent: before.clone() };
         let by_file = Sender { ticks: Vec::new(), sent };
-        for (sender, name) in [(by_tick, "tick"), (by_file, "publish_time")] {
+        for (sender, name, clock) in [(by_tick, "tick", Clock::Tick), (by_file, "publish_time", Clock::Published)] {
             let mut stamps = before.clone();
-            assert!(even_out(&mut stamps, &sender).unwrap().contains(name));
+            let evened = even_out(&mut stamps, &sender).unwrap();
+            assert!(evened.how.contains(name) && evened.clock == Some(clock));
             let late = |k: usize| (stamps[k] - 2_000_000 * kept[k] as i64).abs();
             assert!((0..kept.len()).all(|k| late(k) < 1_500_000), "{:?}", (0..kept.len()).map(late).max());
             // A burst whose messages are logged the other way round.
@@ -155,7 +168,7 @@ mod tests {
         }
         let still = Sender { ticks: vec![7.0; kept.len()], sent: before.clone() };
         let mut without = before;
-        assert!(even_out(&mut without, &still).unwrap().contains("evened"));
+        assert!(even_out(&mut without, &still).unwrap().how.contains("evened"));
     }
 
     #[test]

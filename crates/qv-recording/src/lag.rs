@@ -21,6 +21,18 @@ pub struct Lag {
     pub before: f64,
     /// The same at the best lag \[rad\].
     pub after: f64,
+    /// Correlation of the two at the best lag, -1 to 1.
+    pub correlation: f64,
+}
+
+impl Lag {
+    /// Least correlation at which two motions are one with a lag: below, the best lag is where two unlike motions happen to differ least.
+    pub const LEAST_CORRELATION: f64 = 0.8;
+
+    /// Whether the correlation supports this lag.
+    pub fn is_supported(&self) -> bool {
+        self.correlation >= Self::LEAST_CORRELATION
+    }
 }
 
 /// For each joint (column `columns[j]` of the run) the lag of position behind commanded position: see [`lags_behind`].
@@ -70,13 +82,48 @@ fn best_lag(earlier: (&JointSeries, usize), later: (&JointSeries, usize), step: 
     let shift = if curve > 0.0 { 0.5 * (a - c) / curve } else { 0.0 };
     let after = (b - 0.25 * (a - c) * shift).max(0.0).sqrt();
     let before = spread[usize::try_from(-first).ok()?];
-    Some(Lag { joint: joint.to_string(), lag: (first as f64 + best as f64 + shift) * step, before, after })
+    let correlation = correlation(earlier, later, (first + best as i64) as f64 * step);
+    let lag = (first as f64 + best as f64 + shift) * step;
+    Some(Lag { joint: joint.to_string(), lag, before, after, correlation })
 }
 
 /// Standard deviation of later(t) - earlier(t - lag), over the times when both exist for every lag.
 fn spread(earlier: (&JointSeries, usize), later: (&JointSeries, usize), lag: f64) -> f64 {
-    let ((earlier, a), (later, b)) = (earlier, later);
     let (mut sum, mut square, mut count) = (0.0, 0.0, 0usize);
+    for_each_pair(earlier, later, lag, |later, [before, after]| {
+        let d = later - before - after;
+        if d.is_finite() {
+            sum += d;
+            square += d * d;
+            count += 1;
+        }
+    });
+    let n = count as f64;
+    if count < 10 { f64::INFINITY } else { (square / n - (sum / n).powi(2)).max(0.0).sqrt() }
+}
+
+/// Correlation of later(t) and earlier(t - lag) over the same times; 0 where one of them does not move.
+fn correlation(earlier: (&JointSeries, usize), later: (&JointSeries, usize), lag: f64) -> f64 {
+    let mut pairs = Vec::new();
+    for_each_pair(earlier, later, lag, |later, [before, after]| pairs.push([later, before + after]));
+    pairs.retain(|pair| pair.iter().all(|x| x.is_finite()));
+    let n = pairs.len().max(1) as f64;
+    let [mean_a, mean_b] = [0, 1].map(|k| pairs.iter().map(|p| p[k]).sum::<f64>() / n);
+    let product = |a: usize, b: usize| {
+        let mean = [mean_a, mean_b];
+        pairs.iter().map(|p| (p[a] - mean[a]) * (p[b] - mean[b])).sum::<f64>()
+    };
+    let scale = (product(0, 0) * product(1, 1)).sqrt();
+    if scale > 0.0 { product(0, 1) / scale } else { 0.0 }
+}
+
+/// Calls with later(t) and the two terms of which the interpolated earlier(t - lag) is the sum, over the times when both exist for every lag.
+fn for_each_pair(
+    (earlier, a): (&JointSeries, usize),
+    (later, b): (&JointSeries, usize),
+    lag: f64,
+    mut call: impl FnMut(f64, [f64; 2]),
+) {
     let mut i = 0;
     let (from, to) = (later.time[0] + LONGEST, later.time[later.len() - 1] + SHORTEST);
     for (k, &t) in later.time.iter().enumerate().filter(|(_, t)| **t >= from && **t <= to) {
@@ -91,15 +138,8 @@ fn spread(earlier: (&JointSeries, usize), later: (&JointSeries, usize), lag: f64
             break;
         }
         let f = ((at - earlier.time[i]) / (earlier.time[i + 1] - earlier.time[i])).clamp(0.0, 1.0);
-        let d = later.row(k)[b] - (1.0 - f) * earlier.row(i)[a] - f * earlier.row(i + 1)[a];
-        if d.is_finite() {
-            sum += d;
-            square += d * d;
-            count += 1;
-        }
+        call(later.row(k)[b], [(1.0 - f) * earlier.row(i)[a], f * earlier.row(i + 1)[a]]);
     }
-    let n = count as f64;
-    if count < 10 { f64::INFINITY } else { (square / n - (sum / n).powi(2)).max(0.0).sqrt() }
 }
 
 #[cfg(test)]
@@ -115,10 +155,21 @@ mod tests {
         };
         let lag = best_lag((&series(0.0, 0.0), 0), (&series(0.0235, 0.1), 0), 0.005, "j").unwrap();
         assert!((lag.lag - 0.0235).abs() < 3e-4, "{lag:?}");
-        assert!(lag.after < 0.1 * lag.before, "{lag:?}");
+        assert!(lag.after < 0.1 * lag.before && lag.is_supported(), "{lag:?}");
         let lead = best_lag((&series(0.02, 0.0), 0), (&series(0.0, 0.0), 0), 0.005, "j").unwrap();
         assert!((lead.lag + 0.02).abs() < 3e-4, "{lead:?}");
         let still = JointSeries::new(time.clone(), vec![0.0; time.len()], 1).unwrap();
         assert!(best_lag((&still, 0), (&series(0.0, 0.0), 0), 0.005, "j").is_none());
+    }
+
+    /// Two motions that have nothing to do with each other differ least somewhere, too.
+    #[test]
+    fn the_best_lag_of_unlike_motions_is_not_supported() {
+        let time: Vec<f64> = (0..2000).map(|i| f64::from(i) * 0.005).collect();
+        let series =
+            |wave: fn(f64) -> f64| JointSeries::new(time.clone(), time.iter().map(|t| wave(*t)).collect(), 1).unwrap();
+        let (one, other) = (series(|t| (9.0 * t).sin()), series(|t| (6.1 * t + 0.7).sin()));
+        let lag = best_lag((&one, 0), (&other, 0), 0.005, "j").unwrap();
+        assert!(!lag.is_supported() && lag.correlation < 0.5, "{lag:?}");
     }
 }

@@ -226,8 +226,19 @@ pub enum Clock {
     Header,
     /// When the recorder logged the message.
     Log,
+    /// When the sender published the message by the file (MCAP's `publish_time`): messages were logged in bursts.
+    Published,
+    /// The sender's own count of milliseconds (`tick`): messages were logged in bursts.
+    Tick,
     /// The `time` column of a table.
     Column,
+}
+
+impl Clock {
+    /// Whether it is the sender's, by which messages may be logged in another order than they were sent in.
+    pub fn is_of_sender(self) -> bool {
+        matches!(self, Self::Published | Self::Tick)
+    }
 }
 
 /// A stream of the recording, used or not.

@@ -3,7 +3,7 @@
 use crate::Replay;
 use crate::errors::Errors;
 use crate::joint_board::{TIME_STEP, joint_board, numbers_of_an_instant};
-use crate::verdict::verdict;
+use crate::verdict::{lag_remark, verdict};
 use qv_page::parts::{self, Mood, Table, key};
 use qv_page::picture::{Axis, axes, map, padded, path, range};
 use qv_page::{Board, Line, Look, Page, Panel, Stretch, escape, fixed};
@@ -67,7 +67,8 @@ fn joint_table(replay: &Replay) -> String {
         ];
         table.row_with_bar(&cells, 1, w.position / largest);
     }
-    format!("<h2>By joint, root mean square</h2>{}", parts::card(&table.to_html()))
+    let remark = parts::notes(lag_remark(replay).as_slice());
+    format!("<h2>By joint, root mean square</h2>{}", parts::card(&(table.to_html() + &remark)))
 }
 
 fn groups(errors: &Errors) -> String {
@@ -298,6 +299,14 @@ mod tests {
             ran_away: None,
             simulated: 0.0,
         }
+    }
+
+    #[test]
+    fn a_browser_shows_the_page() {
+        let mut replay = made_up(4, ["FL_hip_joint", "a_joint_with_a_long_name"]);
+        let ways: Vec<[f64; 7]> = (0..400).map(|k| [0.01 * f64::from(k), 0.1, 0.3, 1.0, 0.0, 0.0, 0.0]).collect();
+        (replay.recorded.base, replay.whole.base) = (ways.clone(), ways);
+        crate::browser::check("replay", &to_html(&replay, "recordings/walk.mcap", &["One message was lost.".into()]));
     }
 
     #[test]

@@ -51,6 +51,6 @@ fn times(errors: &Errors) -> Value {
 }
 
 fn lags(lags: &[qv_recording::lag::Lag]) -> Value {
-    let one = |l: &qv_recording::lag::Lag| json!({"name": l.joint, "lag": l.lag, "rms_without": l.before, "rms_with": l.after});
+    let one = |l: &qv_recording::lag::Lag| json!({"name": l.joint, "lag": l.lag, "rms_without": l.before, "rms_with": l.after, "correlation": l.correlation});
     lags.iter().map(one).collect()
 }

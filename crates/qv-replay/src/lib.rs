@@ -5,6 +5,9 @@
 pub use {qv_core, qv_recording, qv_rollout};
 
 mod bag_out;
+#[cfg(test)]
+#[path = "../../../fixtures/browser/mod.rs"]
+mod browser;
 mod engine;
 mod error;
 mod errors;
@@ -18,6 +21,9 @@ mod json;
 mod layout;
 mod mistaken;
 mod scene_out;
+#[cfg(test)]
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 mod unknown_gains;
 mod verdict;
 
@@ -32,7 +38,7 @@ pub use layout::layout;
 pub use mistaken::{JointMistake, MistakenJoints, mistaken_joints};
 pub use scene_out::usual_force;
 pub use unknown_gains::find_gains;
-pub use verdict::verdict;
+pub use verdict::{lag_remark, verdict};
 
 use qv_core::JointSeries;
 use qv_recording::Run;
@@ -59,10 +65,10 @@ pub struct Replay {
     pub errors: Errors,
     /// Error of the windows.
     pub window_errors: Errors,
-    /// Best constant lag of the measured position behind its command, joint by joint.
+    /// Best constant lag of the measured position behind its command, joint by joint, where their correlation supports one.
     pub command_lags: Vec<Lag>,
-    /// Best constant lag of the measured position behind the simulated one over the whole run: what the model does not
-    /// explain of it.
+    /// Best constant lag of the measured position behind the simulated one over the whole run, where their correlation supports one: what the
+    /// model does not explain of it.
     pub model_lags: Vec<Lag>,
     /// Time at which the simulation of the whole run ran away \[s\]: its errors are unknown then.
     pub ran_away: Option<f64>,
@@ -84,8 +90,8 @@ pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptio
     let window_errors = errors::of_windows(&simulated.recorded, &simulated.windows, &simulated.feet);
     Ok(Replay {
         joint_names: model.joint_names().to_vec(),
-        command_lags: lags_behind_command(run, &simulated.columns),
-        model_lags: model_lags(&simulated, model.joint_names()),
+        command_lags: supported(lags_behind_command(run, &simulated.columns)),
+        model_lags: supported(model_lags(&simulated, model.joint_names())),
         feet: simulated.feet,
         recorded: simulated.recorded,
         whole: simulated.whole,
@@ -95,6 +101,11 @@ pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptio
         ran_away: simulated.ran_away,
         simulated: simulated.seconds,
     })
+}
+
+fn supported(mut lags: Vec<Lag>) -> Vec<Lag> {
+    lags.retain(Lag::is_supported);
+    lags
 }
 
 fn model_lags(simulated: &ReplayTrace, names: &[String]) -> Vec<Lag> {

@@ -41,6 +41,24 @@ pub fn verdict(replay: &Replay) -> String {
     text
 }
 
+/// Of which joints no lag can be stated, and why; `None` where all have both.
+pub fn lag_remark(replay: &Replay) -> Option<String> {
+    let without =
+        |lags: &[Lag]| replay.joint_names.iter().filter(|name| lags.iter().all(|l| l.joint != **name)).count();
+    let joints = replay.joint_names.len();
+    let [command, simulation] = [without(&replay.command_lags), without(&replay.model_lags)];
+    let part =
+        |count: usize, what: &str| (count > 0).then(|| format!("behind the {what} for {count} of {joints} joints"));
+    let parts: Vec<String> = [part(command, "command"), part(simulation, "simulation")].into_iter().flatten().collect();
+    (!parts.is_empty()).then(|| {
+        format!(
+            "No lag can be stated {}: the joint stands still, or the two motions correlate by less than {}.",
+            parts.join(", "),
+            Lag::LEAST_CORRELATION
+        )
+    })
+}
+
 /// Median over the joints for which a lag was found \[s\].
 fn median_lag(lags: &[Lag]) -> Option<f64> {
     let mut found: Vec<f64> = lags.iter().map(|l| l.lag).filter(|x| x.is_finite()).collect();
@@ -57,7 +75,7 @@ mod tests {
 
     #[test]
     fn the_median_ignores_what_is_unknown() {
-        let lag = |lag: f64| Lag { joint: "a".into(), lag, before: 0.0, after: 0.0 };
+        let lag = |lag: f64| Lag { joint: "a".into(), lag, before: 0.0, after: 0.0, correlation: 1.0 };
         assert_eq!(median_lag(&[]), None);
         assert_eq!(median_lag(&[lag(f64::NAN), lag(0.003), lag(0.001), lag(0.002)]), Some(0.002));
     }

@@ -3,7 +3,7 @@
 use crate::ask::ask;
 use crate::ground::mesh_at;
 use crate::numbers::within;
-use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, remarks_of, write_error};
+use crate::open::{file_error, lost_from, lost_from_model, model_of, open_run, parameters_of, remarks_of, write_error};
 use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
@@ -106,7 +106,7 @@ impl Contact {
         let report = calibrate(&runs, &model, &mesh, &priors, &options).map_err(replay_error)?;
         bar.begin(2, 2, "writing", Some(SIMULATING));
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
-        lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
+        lost.extend(lost_from_model(&model));
         self.write(&report, &ground, &lost)?;
         bar.finish();
         if self.json {

@@ -3,8 +3,8 @@
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{
-    check_joints, file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, urdf_of,
-    write_error,
+    check_joints, file_error, find_gains, lost_from, lost_from_model, model_of, open_run, parameters_of, remarks_of,
+    urdf_of, write_error,
 };
 use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
@@ -193,7 +193,7 @@ impl Diagnose {
         let read = read.chain(self.camera.as_deref()).chain(self.reading.robot_file());
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
-        lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
+        lost.extend(lost_from_model(&model));
         let remarks = remarks_of(&runs[0], &model);
         let request = Request {
             runs: &runs,
@@ -230,7 +230,9 @@ impl Diagnose {
         };
         #[cfg(not(feature = "learn"))]
         let walks = "";
-        write(&self.out, robot.files(&diagnosis.report, &diagnosis.evidence, &sections))?;
+        let files = robot.files(&diagnosis.report, &diagnosis.evidence, &sections);
+        let has_fragment = files.iter().any(|(name, _)| name == "mjcf_fragment.xml");
+        write(&self.out, files)?;
         for (effect, report, evidence) in &diagnosis.without {
             write(&self.out.join("without").join(effect), robot.files(report, evidence, &[]))?;
         }
@@ -247,6 +249,11 @@ impl Diagnose {
             say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
         remarks.iter().for_each(|what| remark(what));
+        if !has_fragment && report.corrections_apply && !report.corrections.is_empty() {
+            remark(
+                "mjcf_fragment.xml was not written: an MJCF include cannot state these corrections (report.html: what to change by hand)",
+            );
+        }
         lost.iter().for_each(|what| print_message!("{what}"));
         if !report.corrections_apply {
             print_message!("correcting the effect raises the error of held-out windows: no file applies it");

@@ -204,6 +204,8 @@ fn stream_line(s: &Source, width: usize) -> String {
     let clock = match s.clock {
         Clock::Header => "header stamp",
         Clock::Log => "log time",
+        Clock::Published => "sender (publish_time)",
+        Clock::Tick => "sender (tick)",
         Clock::Column => "time column",
     };
     let unused = if s.used { "" } else { ", unused" };

@@ -1,6 +1,9 @@
 //! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 4 a robot changed (`qv drift`), 130 stopped.
 
 mod ask;
+#[cfg(test)]
+#[path = "../../../fixtures/browser/mod.rs"]
+mod browser;
 mod camera;
 mod can_tell;
 mod capture;
@@ -15,6 +18,7 @@ mod drift;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
+mod failure;
 mod fixture;
 mod fleet;
 #[cfg(test)]
@@ -46,6 +50,9 @@ mod rgbd;
 mod robots;
 mod scene;
 mod shell;
+#[cfg(test)]
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 mod stop;
 mod terminal;
 #[cfg(feature = "learn")]
@@ -174,7 +181,7 @@ enum Command {
     #[command(after_long_help = shell::MAN_EXAMPLE)]
     Man(shell::Manuals),
     /// Record a simulated Go2 with a known effect on a known terrain
-    #[command(hide = true, after_long_help = fixture::EXAMPLE)]
+    #[command(after_long_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
 }
 
@@ -186,8 +193,16 @@ enum UsageError {
     Refused(Failure),
 }
 
-/// The command that was typed, with the options of `qv.toml`, and the folder that it writes into.
-fn understood() -> Result<(Cli, Option<PathBuf>), UsageError> {
+/// The command that was typed, with the options of `qv.toml`.
+struct CommandLine {
+    cli: Cli,
+    /// The folder that it writes into.
+    output: Option<PathBuf>,
+    /// Its words, such as `walk train`.
+    name: String,
+}
+
+fn understood() -> Result<CommandLine, UsageError> {
     let mut root = Cli::command();
     root.build();
     let typed = std::env::args_os().collect();
@@ -210,7 +225,13 @@ fn understood() -> Result<(Cli, Option<PathBuf>), UsageError> {
     });
     words.remarks().iter().for_each(|what| progress::remark(what));
     old_names(&root, &matches, &words.all).iter().for_each(|what| progress::remark(what));
-    Ok((cli, output))
+    Ok(CommandLine { cli, output, name: name_of(&matches) })
+}
+
+/// The words of the command that was typed, such as `walk train`.
+fn name_of(matches: &ArgMatches) -> String {
+    let inner = std::iter::successors(matches.subcommand(), |(_, matches)| matches.subcommand());
+    inner.map(|(name, _)| name).collect::<Vec<_>>().join(" ")
 }
 
 /// Options that were typed under a name of an older version, a line each.
@@ -265,10 +286,10 @@ fn main() -> ExitCode {
         return if policy_child::serve().is_ok() { ExitCode::SUCCESS } else { ExitCode::from(1) };
     }
     fleet::end_with_parent();
-    let (cli, output) = match understood() {
+    let CommandLine { cli, output, name } = match understood() {
         Ok(found) => found,
         Err(UsageError::Config(error)) => {
-            print_message!("{error}");
+            report(&error, "");
             return ExitCode::from(2);
         }
         Err(UsageError::Words(error, added)) => {
@@ -280,7 +301,7 @@ fn main() -> ExitCode {
             return ExitCode::from(error.exit_code() as u8);
         }
         Err(UsageError::Refused(error)) => {
-            print_message!("{error}");
+            report(&error, "");
             return ExitCode::from(1);
         }
     };
@@ -293,14 +314,22 @@ fn main() -> ExitCode {
     });
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Partial) => ExitCode::from(3),
+        Ok(Outcome::Partial) => {
+            print_message!("exit code 3: not everything could be used or done, for the reasons above");
+            ExitCode::from(3)
+        }
         Ok(Outcome::Changed) => ExitCode::from(4),
         Ok(Outcome::Stopped) => ExitCode::from(stop::STOPPED),
         Err(error) => {
-            print_message!("{error}");
+            report(&error, &name);
             ExitCode::from(1)
         }
     }
+}
+
+/// Reports why a command failed, see [`failure`].
+fn report(error: &Failure, command: &str) {
+    terminal::error(&failure::message(&error.to_string(), command));
 }
 
 fn execute(command: Command) -> Result<Outcome, Failure> {

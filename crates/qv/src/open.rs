@@ -5,8 +5,8 @@ use crate::progress::{progress, remark, spinner};
 use indicatif::ProgressBar;
 use qv_open::Reading;
 pub use qv_open::{
-    bag_files, beyond_range, file_error, lost_from, model_named, model_of, read_model, read_urdf, remarks_of, urdf_of,
-    write_error,
+    bag_files, beyond_range, file_error, lost_from, lost_from_model, model_named, model_of, read_model, read_urdf,
+    remarks_of, urdf_of, write_error,
 };
 use qv_recording::run::{Fault, FaultKind, GainSource};
 use qv_recording::{RecordingError, Run};

@@ -4,8 +4,8 @@ use crate::ground::{check_ground, terrain_of};
 use crate::inspect::known;
 use crate::numbers::within;
 use crate::open::{
-    beyond_range, check_joints, file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of,
-    write_error,
+    beyond_range, check_joints, file_error, find_gains, lost_from, lost_from_model, model_of, open_run, parameters_of,
+    remarks_of, write_error,
 };
 use crate::output::{make_folder, put, stream};
 use crate::progress::spinner;
@@ -16,7 +16,7 @@ use qv_recording::derive::joint_velocity;
 use qv_recording::lag::Lag;
 
 use qv_recording::{RecordingError, Run};
-use qv_replay::{ReplayOptions, layout, to_html, to_json, verdict, write_mcap};
+use qv_replay::{ReplayOptions, lag_remark, layout, to_html, to_json, verdict, write_mcap};
 use qv_sim::Model;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -122,7 +122,7 @@ fn lost(run: &Run, model: &Model, replay: &qv_replay::Replay) -> Vec<String> {
     let mut lost = lost_from(run);
     let others = run.joint_names.iter().enumerate().filter(|(_, name)| !model.joint_names().contains(name));
     lost.extend(others.map(|(j, name)| format!("joint {name} of the recording: {}", why_unused(run, j, model))));
-    lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
+    lost.extend(lost_from_model(model));
     lost.extend(replay.ran_away.map(|time| format!("the simulation of the whole run ran away at {time:.3} s")));
     if replay.windows.ran_away > 0 {
         lost.push(format!("the simulation ran away in {} windows", replay.windows.ran_away));
@@ -184,6 +184,7 @@ fn summary(replay: &qv_replay::Replay, notes: &[String], factor: f64) -> String 
     }
     let (mean, count) = (1e3 * windows.position_mean(), replay.windows.windows.len());
     text += &format!("{:<20} {:>10} {:>10}\n", "mean", known(mean, 2), known(1e3 * whole.position_mean(), 2));
+    text += &lag_remark(replay).map_or(String::new(), |remark| remark + "\n");
     for p in &windows.phases {
         let (rms, share) = (known(1e3 * p.position, 2), 100.0 * p.share);
         text += &format!("{:<20} {rms:>10}   {share:.0} % of the time\n", p.phase.name());

@@ -23,6 +23,11 @@ pub fn message(text: &str) {
     _ = io::stderr().write_all(format!("qv: {}\n", shown(text)).as_bytes());
 }
 
+/// Prints an error and its hint on standard error.
+pub fn error(text: &str) {
+    _ = io::stderr().write_all(format!("{}\n", shown(text)).as_bytes());
+}
+
 /// Text for a line of a message, or of a bar.
 pub fn shown(text: &str) -> String {
     let with_short_words = |line: &str| {

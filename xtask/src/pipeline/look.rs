@@ -20,7 +20,7 @@ const HEIGHT: u32 = 2400;
 const SMALLEST: u64 = 60_000;
 
 /// Runs in the page once it is there, and leaves what it measured as text.
-const MEASURE: &str = "<script>addEventListener('load',()=>{\
+const MEASURE: &str = "addEventListener('load',()=>{\
 const size=e=>{const r=e.getBoundingClientRect();return r.width*r.height};\
 const all=q=>[...document.querySelectorAll(q)];\
 const pre=document.createElement('pre');pre.id='measured';\
@@ -33,7 +33,7 @@ empty:all('svg,canvas').filter(e=>size(e)<100||e.tagName!=='CANVAS'&&e.children.
 overflow:document.documentElement.scrollWidth-document.documentElement.clientWidth,\
 words:document.body.innerText.split(/\\s+/).length,\
 nonsense:[...new Set(document.body.innerText.match(/\\b(NaN|undefined|Infinity|inf)\\b/g)||[])]};\
-pre.textContent=JSON.stringify(found).replace(/[&<>]/g,' ');document.body.append(pre)})</script>";
+pre.textContent=JSON.stringify(found).replace(/[&<>]/g,' ');document.body.append(pre)})";
 
 /// What a page looks like at one width.
 #[derive(Debug, Default, PartialEq, Deserialize)]
@@ -113,32 +113,53 @@ fn headless(browser: &Path, width: u32) -> Command {
     command
 }
 
-fn address(page: &Path) -> Result<String> {
+/// The address of a file.
+///
+/// # Errors
+/// There is none.
+pub fn address(page: &Path) -> Result<String> {
     Ok(format!("file://{}", page.canonicalize().with_context(|| format!("no page {}", page.display()))?.display()))
 }
 
-/// A page whose policy allows the measuring script, too; all else that it forbids stays forbidden.
-fn with_measure(page: &str) -> String {
-    let script = MEASURE.trim_start_matches("<script>").trim_end_matches("</script>");
+/// A page whose policy allows one more script; all else that it forbids stays forbidden.
+fn with_script(page: &str, script: &str) -> String {
     let hash = format!("'sha256-{}'", STANDARD.encode(Sha256::digest(script.as_bytes())));
     let allowed = page.replacen("script-src 'none'", &format!("script-src {hash}"), 1);
     let allowed =
         if allowed == page { page.replacen("script-src ", &format!("script-src {hash} "), 1) } else { allowed };
-    allowed + MEASURE
+    format!("{allowed}<script>{script}</script>")
 }
 
-fn measure(browser: &Path, page: &Path, width: u32) -> Result<PageSize> {
+/// A copy of a page with a script, beside it.
+///
+/// # Errors
+/// A file cannot be read or written.
+pub fn copy_with(page: &Path, script: &str) -> Result<PathBuf> {
     let text = fs::read_to_string(page).with_context(|| format!("reading {}", page.display()))?;
     let copy = page.with_extension("measured.html");
-    fs::write(&copy, with_measure(&text)).with_context(|| format!("writing {}", copy.display()))?;
+    fs::write(&copy, with_script(&text, script)).with_context(|| format!("writing {}", copy.display()))?;
+    Ok(copy)
+}
+
+/// What a script leaves as text in an element `<pre id="measured">` of a page.
+///
+/// # Errors
+/// The browser fails, or a file cannot be read or written.
+pub fn evaluate(page: &Path, script: &str, browser: &mut Command) -> Result<String> {
+    let copy = copy_with(page, script)?;
     // What it says of the machine, as of a bus that is not there, is nobody's concern.
-    let shown = headless(browser, width).arg("--dump-dom").arg(address(&copy)?).stderr(Stdio::null()).output();
+    let shown = browser.arg("--dump-dom").arg(address(&copy)?).stderr(Stdio::null()).output();
     fs::remove_file(&copy).with_context(|| format!("removing {}", copy.display()))?;
-    let shown = shown.with_context(|| format!("cannot start {}", browser.display()))?;
+    let shown = shown.with_context(|| format!("cannot start {browser:?}"))?;
     let said = String::from_utf8_lossy(&shown.stdout);
     let found = said.rsplit_once("<pre id=\"measured\">").and_then(|(_, rest)| rest.split_once("</pre>"));
     let Some((found, _)) = found else { bail!("{}: the browser measured nothing", page.display()) };
-    serde_json::from_str(found).with_context(|| format!("what was measured of {}", page.display()))
+    Ok(found.to_owned())
+}
+
+fn measure(browser: &Path, page: &Path, width: u32) -> Result<PageSize> {
+    let found = evaluate(page, MEASURE, &mut headless(browser, width))?;
+    serde_json::from_str(&found).with_context(|| format!("what was measured of {}", page.display()))
 }
 
 #[cfg(test)]
@@ -152,11 +173,11 @@ mod tests {
     #[test]
     fn a_policy_allows_the_measuring_script_and_nothing_more() {
         let policy = |sources: &str| format!("<meta content=\"default-src 'none'; script-src {sources}\"><p>");
-        let hash = with_measure(&policy("'none'"));
+        let hash = with_script(&policy("'none'"), MEASURE);
         let hash = hash.split("script-src ").nth(1).and_then(|rest| rest.split('\"').next()).unwrap();
         assert!(hash.starts_with("'sha256-") && !hash.contains(' '), "{hash}");
-        assert!(with_measure(&policy("'sha256-own'")).starts_with(&policy(&format!("{hash} 'sha256-own'"))));
-        assert_eq!(with_measure("<p>"), format!("<p>{MEASURE}"));
+        assert!(with_script(&policy("'sha256-own'"), MEASURE).starts_with(&policy(&format!("{hash} 'sha256-own'"))));
+        assert_eq!(with_script("<p>", MEASURE), format!("<p><script>{MEASURE}</script>"));
     }
 
     fn looked_at(name: &str, body: &str) -> Option<Vec<String>> {

@@ -2,7 +2,7 @@
 //! since it last ran, or its outputs have; one that was killed has left no stamp, and runs again.
 
 mod golden;
-mod look;
+pub mod look;
 mod stages;
 mod stamp;
 #[cfg(test)]

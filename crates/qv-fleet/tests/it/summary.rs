@@ -97,6 +97,12 @@ fn the_page_says_all_of_it_and_stays_text() {
 }
 
 #[test]
+fn a_browser_shows_the_page() {
+    let plan = plan(recordings());
+    crate::browser::check("fleet", &page::to_html(&summary(&plan), &plan));
+}
+
+#[test]
 fn nothing_done_is_a_page_too() {
     let plan = plan(recordings());
     let fleet = gather(&plan, |_| State::Missing);

@@ -4,6 +4,7 @@ mod bars;
 mod causes;
 mod floor_plan;
 mod heat_map;
+mod robot;
 mod sizes;
 mod style;
 mod together;
@@ -18,19 +19,22 @@ use crate::report::{Correction, Lead, Remainder, Report, Stage, Verdict, Where};
 use bars::{joints, shares};
 use qv_page::parts::{self, Bars, Mood, track};
 use qv_page::{Page, Table};
+use qv_sim::Model;
 use std::fmt::Write;
 use style::STYLE;
 use words::{amount, escape, fixed, percent, significant, words};
 
-/// The page. `title` names the recording; `notes` are said under the verdict, one paragraph each, such as what was lost.
-/// `sections` are HTML that the caller made, after the curves. Parts of the report that are empty take no room; what is not finite is a dash.
-pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[String]) -> String {
+/// The page. `title` names the recording; `notes` are said under the first screen, one paragraph each, such as what was lost.
+/// `sections` are HTML that the caller made, after the curves; with a `model` the robot is drawn with the place of the cause. Parts of the report that
+/// are empty take no room; what is not finite is a dash.
+pub fn to_html(report: &Report, model: Option<&Model>, title: &str, notes: &[String], sections: &[String]) -> String {
     let library = built_in();
     let shown = shown(report);
+    let picture = model.map_or(String::new(), |m| robot::robot(m, &report.traces, report.causes.first(), &library));
     let body = [
         verdict(report),
+        bars::gap(report, &picture),
         parts::notes(notes),
-        bars::gap(report),
         causes::causes(report, &library),
         leads(&report.leads),
         report.together.as_ref().map_or(String::new(), together::together),
@@ -88,7 +92,8 @@ fn answers(report: &Report) -> Vec<(&'static str, String)> {
         let nearest = report.leads.first().and_then(|lead| lead.effects.first());
         return vec![("Nearest candidate", nearest.map_or(String::new(), |e| escape(&words(e)))), ("Next step", next)];
     };
-    let sizes: Vec<String> = cause.parameters.iter().map(|p| escape(&words::size(p))).collect();
+    let sizes = causes::sizes(cause);
+    let has_interval = causes::has_interval(cause);
     let removes = match report.corrections_apply {
         true => format!("{} ({low} to {high})", percent(report.gap.closed)),
         false => "no held-out error: not a correction".into(),
@@ -100,7 +105,7 @@ fn answers(report: &Report) -> Vec<(&'static str, String)> {
     };
     vec![
         ("Cause", format!("<b>{}</b>", escape(&words(&cause.effect)))),
-        ("Size (95 % interval)", sizes.join("<br>")),
+        (if has_interval { "Size (95 % interval)" } else { "Size" }, sizes.join("<br>")),
         ("Removes, of the held-out excess error", removes),
         ("Certainty", sure),
         ("Next step", next),

@@ -32,13 +32,11 @@ const NOTHING: &str = "  <custom/>\n";
 /// `[joints]` in the model's order; empty when they are not known, zero for motors that take torques.
 pub fn to_mjcf(model: &Model, corrections: &[Correction], kp: &[f64], kd: &[f64]) -> String {
     let corrected = ModelCorrections::new(model, corrections);
-    let gains = |j: usize| Some((*kp.get(j)?, *kd.get(j)?));
-    let classes: Vec<String> = (0..model.joints.len()).filter_map(|j| joint_class(&corrected, j, gains(j))).collect();
-    let grounds = ground_classes(&corrected);
     let mut text = String::from("<mujocoinclude>\n");
     if corrected.entries.is_empty() {
         return text + NOTHING + "  <!-- The diagnosis corrects nothing. -->\n</mujocoinclude>\n";
     }
+    let Fragment { classes, grounds, pasted, advice } = Fragment::new(&corrected, kp, kd);
     if classes.is_empty() && grounds.is_empty() {
         text += "  <!-- Corrections that a diagnosis found; MuJoCo reads none of them from here. -->\n";
         text += NOTHING;
@@ -53,20 +51,48 @@ pub fn to_mjcf(model: &Model, corrections: &[Correction], kp: &[f64], kd: &[f64]
     if !classes.is_empty() || !grounds.is_empty() {
         let _ = writeln!(text, "  <default>\n{}{}  </default>", classes.concat(), grounds.concat());
     }
-    let pasted: Vec<String> =
-        bodies(&corrected).into_iter().chain(geoms(&corrected)).chain(floor(&corrected)).collect();
     for element in pasted {
         let _ = writeln!(text, "  <!-- {} -->", in_comment(&element));
     }
-    let lines = advice(&corrected, |e| is_said(&corrected, e, gains));
-    if !lines.is_empty() {
+    if !advice.is_empty() {
         text += "  <!-- MJCF cannot say the following; the program that drives the simulation can do it:\n";
-        for line in lines {
+        for line in advice {
             let _ = writeln!(text, "       - {}", in_comment(&line));
         }
         text += "  -->\n";
     }
     text + "</mujocoinclude>\n"
+}
+
+/// What has to be changed by hand where an included file changes nothing; `None` where it changes something.
+pub(super) fn by_hand(model: &Model, corrections: &[Correction], kp: &[f64], kd: &[f64]) -> Option<Vec<String>> {
+    let Fragment { classes, grounds, pasted, advice } =
+        Fragment::new(&ModelCorrections::new(model, corrections), kp, kd);
+    (classes.is_empty() && grounds.is_empty()).then(|| [pasted, advice].concat())
+}
+
+/// What a fragment says.
+struct Fragment {
+    /// Default classes of joints and motors, and of the ground: what MuJoCo reads.
+    classes: Vec<String>,
+    grounds: Vec<String>,
+    /// Elements to paste.
+    pasted: Vec<String>,
+    /// What MJCF cannot say.
+    advice: Vec<String>,
+}
+
+impl Fragment {
+    fn new(corrected: &ModelCorrections, kp: &[f64], kd: &[f64]) -> Self {
+        let gains = |j: usize| Some((*kp.get(j)?, *kd.get(j)?));
+        let joints = 0..corrected.model.joints.len();
+        Self {
+            classes: joints.filter_map(|j| joint_class(corrected, j, gains(j))).collect(),
+            grounds: ground_classes(corrected),
+            pasted: bodies(corrected).into_iter().chain(geoms(corrected)).chain(floor(corrected)).collect(),
+            advice: advice(corrected, |e| is_said(corrected, e, gains)),
+        }
+    }
 }
 
 fn how_to(classes: &[String], grounds: &[String]) -> String {

@@ -17,11 +17,15 @@ pub use mjcf::to_mjcf;
 pub use urdf::to_urdf;
 
 use crate::report::{Correction, Report};
-use qv_sim::Model;
+use qv_sim::{BaseKind, Model};
 use std::fmt::Write;
 
 /// Physics step that `isaac_lab_actuators.py` counts delays in \[s\]: the usual one of legged robots in Isaac Lab.
 pub(crate) const ISAAC_LAB_DT: f64 = 0.005;
+
+/// What a URDF lacks of a robot that is not bolted down.
+const FREE_BASE: &str = "base: a URDF has no free base, so that a reader may fix it to the world. Load it with a floating base \
+                         (MuJoCo: <freejoint/>; Isaac Lab: fix_root_link=False).";
 
 /// Gains of a recording's motors, `[joints]` in the model's order: zero for motors that take torques, empty when they are not known.
 #[derive(Debug, Clone, Copy, Default)]
@@ -36,7 +40,7 @@ pub struct Gains<'a> {
 /// `isaac_lab_actuators.py`, and `robot_calibrated.urdf` when the URDF that `model` was read from is given.
 ///
 /// `title` names the recording; `notes` are said under the verdict of the page.
-/// A URDF that cannot be edited is left out, and a note on the page says why. `sections` are for [`to_html`].
+/// A URDF that cannot be edited is left out, and so is an MJCF fragment that would change nothing; notes on the page say why. `sections` are for [`to_html`].
 pub fn files(
     report: &Report,
     model: &Model,
@@ -53,17 +57,34 @@ pub fn files(
     if let Some(Err(error)) = &urdf {
         notes.push(format!("robot_calibrated.urdf was not written: {error}."));
     }
+    let by_hand = mjcf::by_hand(model, corrections, kp, kd);
+    notes.extend(by_hand.as_ref().map(|lines| without_fragment(report, lines)));
     let mut files = vec![
         ("report.json", to_json(report)),
-        ("report.html", to_html(report, title, &notes, sections)),
+        ("report.html", to_html(report, Some(model), title, &notes, sections)),
         ("calibrated.toml", to_toml(report)),
-        ("mjcf_fragment.xml", to_mjcf(model, corrections, kp, kd)),
     ];
-    if let Some(Ok((text, unsaid))) = urdf {
+    if by_hand.is_none() {
+        files.push(("mjcf_fragment.xml", to_mjcf(model, corrections, kp, kd)));
+    }
+    if let Some(Ok((text, mut unsaid))) = urdf {
+        unsaid.extend((model.base == BaseKind::Floating).then(|| FREE_BASE.into()));
         files.push(("robot_calibrated.urdf", with_comment(text, &unsaid)));
     }
     files.push(("isaac_lab_actuators.py", to_isaac_lab(model, corrections, kp, kd, ISAAC_LAB_DT)));
     files.into_iter().map(|(name, text)| (name.to_owned(), text.into_bytes())).collect()
+}
+
+/// Why there is no `mjcf_fragment.xml`, and what to change by hand.
+fn without_fragment(report: &Report, by_hand: &[String]) -> String {
+    let why = if !report.corrections_apply {
+        "no correction applies".into()
+    } else if by_hand.is_empty() {
+        "the diagnosis corrects nothing".into()
+    } else {
+        format!("a file that MuJoCo includes cannot change the following. By hand: {}", by_hand.join("; "))
+    };
+    format!("mjcf_fragment.xml was not written: {}.", why.trim_end_matches('.'))
 }
 
 /// `report.json`: the report field by field, indented. Numbers that are not finite are null.

@@ -34,7 +34,7 @@ pub(super) fn report(evidence: &Evidence, held: &qv_held::Evidence, data: &Repor
         torque_balance: Some(page.balance(data)),
         unexplained: Remainder { share: if is_none { 0.0 } else { 1.0 - gap.closed }, depends_on: Vec::new() },
         cannot_tell: data.cannot_tell.clone(),
-        next: page.next(&causes),
+        next: page.next(&causes, &gap),
         corrections: page.corrections(),
         corrections_apply: gap.after <= gap.before,
         cannot_show: data.cannot_show.clone(),
@@ -375,8 +375,9 @@ impl Page<'_> {
         )
     }
 
-    fn next(&self, causes: &[Cause]) -> Vec<String> {
-        let mut all = Vec::new();
+    /// What to do, the first of all with its command.
+    fn next(&self, causes: &[Cause], gap: &Gap) -> Vec<String> {
+        let mut all = vec![self.first_step(gap)];
         for cause in causes.iter().filter(|c| !c.confusable_with.is_empty() && !c.separating_experiment.is_empty()) {
             all.push(format!(
                 "To separate {} from {}: {}.",
@@ -385,15 +386,30 @@ impl Page<'_> {
                 cause.separating_experiment
             ));
         }
-        if self.verdict() == Verdict::Unexplained {
-            let advice = if self.held.is_fleet {
-                "Record references of the robot as it should be, on several days, and give them as --reference."
-            } else {
-                "Record two more references of the robot as it should be, on other days: tests become sharper with each."
-            };
-            all.push(advice.into());
-        }
         all
+    }
+
+    fn first_step(&self, gap: &Gap) -> String {
+        match self.decision.outcome {
+            Outcome::None => {
+                "Nothing to correct. Faster and larger motions test more: `qv inspect RUN --detectable` lists the least sizes.".into()
+            }
+            Outcome::Events(_) => {
+                "Keep the robot free of outside forces, record again and compare: `qv diagnose NEW_RUN --reference RUN --out out/again`.".into()
+            }
+            Outcome::Unexplained if self.held.is_fleet => {
+                "Record references of the robot as it should be, on several days: `qv diagnose RUN --reference OLD_1 OLD_2 OLD_3 --out out/why`.".into()
+            }
+            Outcome::Unexplained => {
+                "Record two more references of the robot as it should be, on other days, since tests become sharper with each: \
+                 `qv diagnose RUN --reference OLD_1 OLD_2 ... --out out/why`."
+                    .into()
+            }
+            _ if gap.after > gap.before => {
+                "Do not use the correction: it raises the held-out error. Record again with faster motions, and repeat `qv diagnose`.".into()
+            }
+            _ => "Check the correction on another recording: `qv replay NEW_RUN --params out/why/calibrated.toml --out out/replay`.".into(),
+        }
     }
 }
 
@@ -425,10 +441,10 @@ fn parameters(
 
 /// Effect, place and size.
 fn named(cause: &Cause) -> String {
-    let sizes: Vec<String> = cause
-        .parameters
-        .iter()
-        .map(|p| format!("{} {:.4} {}{}", p.name.replace('_', " "), p.value, p.unit, interval(p.ci95)))
-        .collect();
+    let one = |(p, (name, part)): (&ParameterEstimate, (&str, Option<&str>))| {
+        let of = part.map_or(String::new(), |part| format!(" of {part}"));
+        format!("{}{of} {:.4} {}{}", name.replace('_', " "), p.value, p.unit, interval(p.ci95))
+    };
+    let sizes: Vec<String> = cause.parameters.iter().zip(cause.parameter_labels()).map(one).collect();
     format!("{} of {}: {}", cause.effect.replace('_', " "), cause.scope.join(", "), sizes.join(", "))
 }

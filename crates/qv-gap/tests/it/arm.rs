@@ -99,7 +99,7 @@ fn torques_without_references_are_judged_by_simulated_robots() {
     assert_eq!(viscous.causes[0].effect, "joint_viscous_friction", "{}", viscous.sentence);
     let least = viscous.can_tell.iter().find(|c| c.effect == "joint_viscous_friction" && c.scope == ["elbow"]).unwrap();
     assert!(least.least_size.is_some_and(|size| size > 0.0 && size < 1.0), "{least:?}");
-    let page = to_html(&viscous, "arm", &[], &[]);
+    let page = to_html(&viscous, None, "arm", &[], &[]);
     assert!(page.contains("<h2>Torques</h2>") && page.contains("Friction over speed"));
     assert!(page.contains("false alarms of these tests") && page.contains("eight of ten"));
     assert!(!page.contains("mrad") && !page.contains("by probability"), "positions are not compared");
@@ -138,7 +138,7 @@ fn stored_evidence_gives_the_report_of_its_diagnosis() {
         // How long it took is not evidence.
         let report = Report { timing: again.timing.clone(), ..report };
         assert_eq!(to_json(&again), to_json(&report));
-        assert_eq!(to_html(&again, "arm", &[], &[]), to_html(&report, "arm", &[], &[]));
+        assert_eq!(to_html(&again, None, "arm", &[], &[]), to_html(&report, None, "arm", &[], &[]));
     }
 }
 

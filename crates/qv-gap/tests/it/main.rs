@@ -2,6 +2,8 @@
 
 mod actuator_law;
 mod arm;
+#[path = "../../../../fixtures/browser/mod.rs"]
+mod browser;
 mod conventions;
 mod evidence;
 mod exports;

@@ -51,7 +51,7 @@ fn corrections() -> Vec<Correction> {
 
 #[test]
 fn the_page_says_what_matters() {
-    let page = to_html(&report(), "walk.mcap", &["One message was lost.".into()], &[]);
+    let page = to_html(&report(), None, "walk.mcap", &["One message was lost.".into()], &[]);
     for said in [
         "<title>Diagnosis of walk.mcap</title>",
         "The motors answer 10.1 ms late",
@@ -86,7 +86,7 @@ fn the_page_says_what_matters() {
 
 #[test]
 fn every_joint_is_on_the_page_at_the_recorded_rate() {
-    let page = to_html(&report(), "walk.mcap", &[], &[]);
+    let page = to_html(&report(), None, "walk.mcap", &[], &[]);
     let boards = read::boards(&page);
     assert_eq!(boards.len(), 1);
     let board = &boards[0];
@@ -110,7 +110,7 @@ fn every_joint_is_on_the_page_at_the_recorded_rate() {
 #[test]
 fn the_page_is_one_file_without_network() {
     for report in [report(), empty()] {
-        let whole = to_html(&report, "run", &[], &[]);
+        let whole = to_html(&report, None, "run", &[], &[]);
         let page = read::without_scripts(&whole);
         for never in ["http:", "https:", "src=", "<link", "@import", "url(", "NaN", "inf"] {
             assert!(!page.contains(never), "{never}");
@@ -126,20 +126,20 @@ fn the_page_is_one_file_without_network() {
 
 #[test]
 fn the_first_screen_answers_what_a_reader_asks() {
-    let page = to_html(&report(), "walk", &[], &[]);
+    let page = to_html(&report(), None, "walk", &[], &[]);
     let first = page.split("<h2>").next().unwrap_or_default();
     for question in ["Cause", "Size (95 % interval)", "Removes", "Certainty", "Next step"] {
         assert!(first.contains(&format!("<dt>{question}")), "{question}: {first}");
     }
     let mut nameless = report();
     nameless.causes.clear();
-    let page = to_html(&nameless, "walk", &[], &[]);
+    let page = to_html(&nameless, None, "walk", &[], &[]);
     assert!(!page.contains("<dt>Certainty") && page.contains("<dt>Next step"));
 }
 
 #[test]
 fn what_is_not_there_takes_no_room() {
-    let page = to_html(&empty(), "run", &[], &[]);
+    let page = to_html(&empty(), None, "run", &[], &[]);
     for absent in
         ["<svg", "Remaining error", "Error breakdown", "Next step", "cannot show", "Simulation effort", "Corrections"]
     {
@@ -151,7 +151,7 @@ fn what_is_not_there_takes_no_room() {
     held.place.regions.clear();
     held.verdict = Verdict::Unexplained;
     held.causes.clear();
-    let page = to_html(&held, "arm", &[], &[]);
+    let page = to_html(&held, None, "arm", &[], &[]);
     assert!(!page.contains("Error along the path") && page.states("library"));
     assert!(!page.contains("95 % interval"), "nothing is closed without a cause");
     assert!(!page.contains(">after<"), "after is before");
@@ -183,7 +183,7 @@ fn text_of_others_stays_text() {
     r.stages[0].name = nasty.clone();
     r.corrections[0].parameter = format!("actuator.{nasty}.lag");
     r.corrections[0].unit = nasty.clone();
-    let page = to_html(&r, &nasty, std::slice::from_ref(&nasty), &[]);
+    let page = to_html(&r, None, &nasty, std::slice::from_ref(&nasty), &[]);
     assert!(!page.contains("<script>alert") && page.matches("</style>").count() == 1);
     assert_eq!(page.matches("</script>").count(), 2, "the plots' numbers, and what draws them");
     assert!(page.matches("&lt;script&gt;").count() > 15);
@@ -260,20 +260,19 @@ fn a_finding_that_makes_things_worse_is_applied_by_no_file() {
         assert!(text.contains(&format!("# \"{}\" = ", correction.parameter)), "{text}");
     }
     assert!(text.states("loss 7.30 1.40"), "{text}");
-    assert!(to_html(&found, "walk", &[], &[]).states("correction"));
+    assert!(to_html(&found, None, "walk", &[], &[]).states("correction"));
     let model = go2();
     let of = |report: &Report| files(report, &model, None, "walk", &[], &[], GAINS);
     let nothing = Report { corrections: vec![], ..found.clone() };
-    for name in ["mjcf_fragment.xml", "isaac_lab_actuators.py"] {
-        let text = |report: &Report| of(report).into_iter().find(|f| f.0 == name).unwrap().1;
-        assert_eq!(text(&found), text(&nothing), "{name}");
-    }
+    let text = |report: &Report| of(report).into_iter().find(|f| f.0 == "isaac_lab_actuators.py").unwrap().1;
+    assert_eq!(text(&found), text(&nothing));
+    assert!(of(&found).iter().all(|f| f.0 != "mjcf_fragment.xml"), "no file that changes nothing");
 }
 
 #[test]
 fn the_page_says_by_how_much_the_error_falls_and_why_two_figures_differ() {
     let mut remarks = report();
-    let page = to_html(&remarks, "walk", &[], &[]);
+    let page = to_html(&remarks, None, "walk", &[], &[]);
     let agreed = "Error on held-out data falls 88 % (mean square of all channels, 38.2 to 4.43); of the joints alone it falls 95 % (14.2 to 3.1 mrad).";
     assert!(page.contains(agreed) && page.states("explained"), "{page}");
     assert!(!page.contains("The two differ") && !page.contains("simulation and recording diverge"));
@@ -282,7 +281,7 @@ fn the_page_says_by_how_much_the_error_falls_and_why_two_figures_differ() {
     remarks.gap.joint_rms = [0.0204, 0.017];
     (remarks.gap.before, remarks.gap.after) = (100.0, 4.0);
     remarks.gap.joint_rms_apart = JointRmsApart::of(&windows);
-    let page = to_html(&remarks, "walk", &[], &[]);
+    let page = to_html(&remarks, None, "walk", &[], &[]);
     for said in [
         "falls 96 % (mean square of all channels, 100 to 4.00); of the joints alone it falls 31 % (20.4 to 17.0 mrad)",
         "The two differ",
@@ -611,33 +610,72 @@ fn python_reads_the_actuators() {
     }
 }
 
+fn text_of(files: &[(String, Vec<u8>)], name: &str) -> String {
+    let (_, bytes) = files.iter().find(|f| f.0 == name).unwrap();
+    String::from_utf8(bytes.clone()).unwrap()
+}
+
+/// First screens: what causes the gap, beside the place on the robot.
+#[test]
+fn a_browser_shows_the_pages() {
+    let legs = to_html(&report(), Some(&go2()), "recordings/walk.mcap", &["One message was lost.".into()], &[]);
+    assert!(legs.contains("class=\"pin marked\"") && legs.contains("Place of the cause"), "{legs}");
+    crate::browser::check("diagnosis_of_legs", &legs);
+    let arm = crate::two_links::model();
+    let page = to_html(&crate::made_up::held(), Some(&arm), "arm/run.csv", &[], &[]);
+    for said in [
+        "coulomb friction of shoulder <b>0.120 N m (0.100 to 0.140)</b>",
+        "coulomb friction of elbow",
+        "<code>qv replay",
+    ] {
+        assert!(page.contains(said), "{said}\n{page}");
+    }
+    crate::browser::check("diagnosis_of_an_arm", &page);
+    let mut open = report();
+    (open.verdict, open.causes) = (Verdict::Unexplained, Vec::new());
+    crate::browser::check("diagnosis_unexplained", &to_html(&open, Some(&go2()), "walk.mcap", &[], &[]));
+}
+
 #[test]
 fn all_files_are_written() {
-    let written = files(&report(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], GAINS);
+    let urdf = qv_go2::model::urdf();
+    let mut with_friction = report();
+    with_friction.corrections.push(correction("joint.FL_hip_joint.coulomb_friction", 0.125, 0.0, "N m"));
+    let fragment = text_of(&files(&with_friction, &go2(), None, "run", &[], &[], GAINS), "mjcf_fragment.xml");
+    assert!(fragment.contains("frictionloss=\"0.125\""), "{fragment}");
+    let written = files(&report(), &go2(), Some(&urdf), "run", &[], &[], GAINS);
     let names: Vec<&str> = written.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(
         names,
-        [
-            "report.json",
-            "report.html",
-            "calibrated.toml",
-            "mjcf_fragment.xml",
-            "robot_calibrated.urdf",
-            "isaac_lab_actuators.py"
-        ]
+        ["report.json", "report.html", "calibrated.toml", "robot_calibrated.urdf", "isaac_lab_actuators.py"]
     );
     let text = |k: usize| std::str::from_utf8(&written[k].1).unwrap();
     let json: serde_json::Value = serde_json::from_str(text(0)).unwrap();
     assert_eq!(json["format"], "qv-diagnosis/1");
     assert_eq!(json["causes"][0]["parameters"][0]["value"], 0.01012);
     assert_eq!(json["where"]["regions"][0]["name"], "patch");
-    let read = read(text(4));
+    let read = read(text(3));
     assert_eq!(read.joints.len(), 12, "a URDF with a comment at its end is one still");
-    assert!(text(4).states("0.0101235 0.0101235"));
+    assert!(text(3).states("0.0101235 0.0101235"));
     let nothing = files(&empty(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], Gains::default());
-    assert_eq!(nothing.len(), 6);
-    assert!(nothing[4].1.starts_with(qv_go2::model::urdf().as_bytes()), "nothing is changed");
-    assert_eq!(files(&empty(), &go2(), None, "run", &[], &[], Gains::default()).len(), 5);
+    assert_eq!(nothing.len(), 5, "a fragment would change nothing");
+    assert!(nothing[3].1.starts_with(qv_go2::model::urdf().as_bytes()), "nothing is changed");
+    assert!(
+        text_of(&nothing, "report.html").contains("mjcf_fragment.xml was not written: the diagnosis corrects nothing.")
+    );
+    let urdf = text_of(&nothing, "robot_calibrated.urdf");
+    assert!(urdf.contains("a URDF has no free base") && urdf.contains("armature: "), "{}", &urdf[urdf.len() - 900..]);
+    assert_eq!(files(&empty(), &go2(), None, "run", &[], &[], Gains::default()).len(), 4);
+    // A body cannot be changed from outside: the page says what to paste.
+    let mut heavy = report();
+    heavy.corrections = vec![correction("link.base.payload_mass", 2.0, 0.0, "kg")];
+    let heavy = files(&heavy, &go2(), None, "run", &[], &[], Gains::default());
+    let page = text_of(&heavy, "report.html");
+    assert!(heavy.iter().all(|f| f.0 != "mjcf_fragment.xml"));
+    assert!(
+        page.contains("By hand: in &lt;body name=&quot;base&quot;&gt;") && page.contains("&lt;inertial mass="),
+        "{page}"
+    );
     let closed: serde_json::Value = serde_json::from_str(&to_json(&empty())).unwrap();
     assert!(closed["gap"]["closed"].is_null(), "{closed}");
 }

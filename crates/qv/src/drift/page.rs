@@ -136,3 +136,47 @@ fn parameters(check: &Check) -> String {
                 this one. Matters: larger than what robots of one kind differ by.";
     format!("<p class=\"soft\">{note}</p>{}", table.to_html())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use qv_gap::drift::Drift;
+
+    fn check(run: &str, now: f64, answer: Answer) -> Check {
+        let row = |scope: &str, changed: bool| Difference {
+            effect: "joint_coulomb_friction".into(),
+            scope: vec![scope.into()],
+            parameter: "torque".into(),
+            unit: "N m".into(),
+            then: 0.1,
+            now,
+            difference: now - 0.1,
+            ci95: [now - 0.15, now - 0.05],
+            p: if changed { 1e-6 } else { 0.4 },
+            p_corrected: if changed { 1e-4 } else { 1.0 },
+            visible: Some(0.08),
+            tolerance: 0.0,
+            changed,
+            matters: changed,
+        };
+        let drift = Drift {
+            answer,
+            sentence: "Friction of FL_hip_joint rose by 0.2 N m.".into(),
+            parameters: vec![row("FL_hip_joint", answer == Answer::Changed), row("FR_hip_joint", false)],
+            tests: 40,
+            alarm: 0.01,
+            not_shown: vec!["backlash".into()],
+            levels: [1.0, 1.4],
+        };
+        let start_ns = 1_700_000_000_000_000_000 + (now * DAY) as u64;
+        Check { run: run.into(), sha256: Vec::new(), start_ns, lost: Vec::new(), drift }
+    }
+
+    #[test]
+    fn a_browser_shows_the_page() {
+        let checks = [check("monday.mcap", 0.1, Answer::Same), check("tuesday.mcap", 0.3, Answer::Changed)];
+        let html = to_html("Drift of go2", &checks);
+        assert!(html.contains("tuesday.mcap") && html.contains("changed"));
+        crate::browser::check("drift", &html);
+    }
+}

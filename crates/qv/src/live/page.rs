@@ -82,3 +82,26 @@ impl Topics {
         Page { title, body: &body, ..Page::default() }.to_html()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use qv_live::Health;
+
+    #[test]
+    fn a_browser_shows_the_page() {
+        let mut health = Health::new(&[]).unwrap();
+        let mut topic = qv_live::TopicHealth::default();
+        (topic.messages, topic.lost, topic.longest_gap) = (500, 3, 0.012);
+        health.topics = vec![topic];
+        let mut topics = Topics { names: vec!["/lowstate".into()], usual: vec![500.0] };
+        let checked = CheckResult {
+            faults: vec!["3.2 s: gap in joint states".into()],
+            conventions: vec!["quaternion: w first".into()],
+            drift: Some("No parameter changed.".into()),
+        };
+        let html = topics.render("Robot on eth0", &health, &checked);
+        assert!(html.contains("/lowstate") && html.contains("3 messages were lost"), "{html}");
+        crate::browser::check("watch", &html);
+    }
+}

@@ -58,6 +58,18 @@ fn flat_share(mesh: &TriangleMesh, distance: f64) -> f64 {
     if all > 0.0 { flat / all } else { 0.0 }
 }
 
+/// Whether ground of this share of the surface is doubtful, and what to do then.
+fn doubt(share: f64) -> Option<String> {
+    (share < LITTLE_GROUND).then(|| {
+        format!(
+            "up direction of --up ground: the largest plane that faces up is {:.1} % of the surface (ground has {:.0} % or more)\n\
+             hint: give the up direction as --up x,y,z, or capture more of the ground",
+            100.0 * share,
+            100.0 * LITTLE_GROUND
+        )
+    })
+}
+
 impl Mesh {
     /// Brings frames and labelled points to metres, and says how; `distance` is what --distance says.
     pub(super) fn align(&self, input: &mut Input, distance: Option<Similarity>) -> Result<Similarity, Failure> {
@@ -114,19 +126,18 @@ impl Mesh {
         Ok(metric_from_scene)
     }
 
-    /// Turns the mesh so that its largest plane that faces the cameras' up has that for z, and says how.
-    pub(super) fn level(&self, frames: &[DepthFrame], mesh: &mut TriangleMesh) -> Result<Similarity, Failure> {
+    /// Turns the mesh so that its largest plane that faces the cameras' up has that for z; a plane that is hardly ground is a doubt for `lost`.
+    pub(super) fn level(
+        &self,
+        frames: &[DepthFrame],
+        mesh: &mut TriangleMesh,
+        lost: &mut Vec<String>,
+    ) -> Result<Similarity, Failure> {
         // People hold cameras upright: the mean of the images' up is up, more or less.
         let held = |frame: &DepthFrame| frame.camera.camera_from_world.inverse().transform_vector(DVec3::NEG_Y);
         let level = Similarity::from_ground(mesh, frames.iter().map(held).sum(), self.voxel, 300)?;
         level.apply(mesh);
-        let share = flat_share(mesh, self.voxel);
-        if share < LITTLE_GROUND {
-            let share = 100.0 * share;
-            print_message!(
-                "--up ground: the largest plane that faces up is {share:.1} % of the surface; is there ground in the pictures?"
-            );
-        }
+        lost.extend(doubt(flat_share(mesh, self.voxel)));
         Ok(level)
     }
 }
@@ -145,4 +156,16 @@ fn rows(path: &Path) -> Result<Vec<Vec<String>>, Failure> {
     let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default());
     let rows = lines.map(|line| line.split_whitespace().map(String::from).collect::<Vec<_>>());
     Ok(rows.filter(|row| !row.is_empty()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_plane_is_doubted_and_a_floor_is_not() {
+        assert!(doubt(0.29).is_none());
+        let doubt = doubt(0.011).unwrap();
+        assert!(doubt.contains("1.1 %") && doubt.contains("hint: give the up direction as --up x,y,z"), "{doubt}");
+    }
 }

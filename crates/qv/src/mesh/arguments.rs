@@ -50,7 +50,7 @@ pub struct Mesh {
     /// Snap textureless regions to planes supported by surrounding texture
     #[arg(long, requires = "cameras", help_heading = "Scene")]
     pub(super) planes: bool,
-    /// Simplify to at most this many triangles
+    /// Simplify to at most this many triangles, walls and floor included
     #[arg(long, value_name = "COUNT", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(4..), help_heading = "Scene")]
     pub(super) triangles: Option<usize>,
     /// Limit the surface error of --triangles [default: half a voxel]

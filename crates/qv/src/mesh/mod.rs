@@ -4,6 +4,7 @@ mod align;
 mod arguments;
 mod input;
 mod labels;
+mod simplify;
 
 pub use arguments::Mesh;
 
@@ -24,6 +25,7 @@ use qv_mesh::agree::{AgreeOptions, keep_agreeing};
 use qv_mesh::clean::DroppedPieces;
 use qv_mesh::close::close_to_solid;
 use qv_mesh::compare::{Likeness, compare_points, measurable, register, sample};
+use qv_mesh::decimate::DecimateOptions;
 use qv_mesh::files::{glb, ply, stl};
 use qv_mesh::labels::LabelledPoints;
 use qv_mesh::planes::{Laid, RenderedFrame, lay_on_planes};
@@ -34,6 +36,7 @@ use qv_splat::files::{Format, ply as splat_ply};
 use qv_splat::lens::Distorter;
 use qv_splat::moved;
 use serde_json::json;
+use simplify::{SimpleSurface, THICKNESS, simplify};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -71,8 +74,17 @@ const LABEL_STRIDE: usize = 3;
 const SAMPLES: usize = 400_000;
 /// Share of the points of two surfaces that meet below which laying one on the other is doubted: redkitchen from colour alone has 0.73 to 0.75, plain Gaussians 0.49.
 const WELL_LAID: f64 = 0.5;
-/// Floor of the solid below its lowest point \[m\].
-const THICKNESS: f64 = 0.2;
+
+/// A scene of Gaussians without cameras: what is missing, and where it comes from.
+fn cannot_mesh(scene: &Path) -> Failure {
+    format!(
+        "cannot mesh '{}': a Gaussian scene needs cameras to render depth from, and --cameras is missing\n\
+         hint: give the cameras that it was trained with: cameras.json beside scene.ply (qv reconstruct), transforms.json (nerfstudio), or a \
+         COLMAP model",
+        scene.display()
+    )
+    .into()
+}
 
 /// A mesh that the surface is compared with.
 struct Reference {
@@ -145,15 +157,9 @@ impl Mesh {
         }
         .map_err(|e| about(&self.scene, e))?;
         drop(volume);
-        let came_to = mesh.triangles.len();
-        if let Some(most) = self.triangles.filter(|most| came_to > *most) {
-            let error = options.max_error;
-            print_message!(
-                "--triangles {most}: {came_to} are left, fewer would move the surface by more than {error} m (--max-error)"
-            );
-        }
+        self.simplify(&mut mesh, &mut report);
         let level = match up {
-            Some(Up::Ground) => self.level(&input.capture.frames, &mut mesh)?,
+            Some(Up::Ground) => self.level(&input.capture.frames, &mut mesh, &mut lost)?,
             Some(Up::Along(level)) => {
                 level.apply(&mut mesh);
                 level
@@ -204,9 +210,28 @@ impl Mesh {
             pieces: self.pieces,
             max_hole: self.max_hole,
             solid: None,
-            triangles: self.triangles,
-            max_error: self.max_error.unwrap_or(0.5 * self.voxel),
+            // See `simplify`, which knows of walls and floor.
+            triangles: None,
             ..Default::default()
+        }
+    }
+
+    /// As many triangles as --triangles says, with walls and floor; says why where more are left.
+    fn simplify(&self, mesh: &mut TriangleMesh, report: &mut MeshReport) {
+        let Some(most) = self.triangles else { return };
+        let max_error = self.max_error.unwrap_or(0.5 * self.voxel);
+        let how = DecimateOptions { triangles: most, max_error };
+        let SimpleSurface { mesh: simple, decimated, added } = simplify(mesh, &how, !self.open);
+        (*mesh, report.decimated) = (simple, decimated);
+        report.topology = Topology::of(mesh);
+        let left = mesh.triangles.len() + added;
+        if left > most {
+            let of_which = if added > 0 { format!(", {added} of them walls and floor") } else { String::new() };
+            print_message!(
+                "--triangles {most}: {left} are left{of_which}: fewer would move the surface by more than {max_error} m\n\
+                 hint: allow more with --max-error METRES{}",
+                if added > 0 { ", or leave out walls and floor with --open" } else { "" }
+            );
         }
     }
 
@@ -261,7 +286,7 @@ impl Mesh {
         }
         let file = open_scene(&self.scene)?;
         let Some(cameras) = &self.cameras else {
-            return Err(about(&self.scene, "expected --cameras for a scene of Gaussians, found none"));
+            return Err(cannot_mesh(&self.scene));
         };
         let labelled = file.cloud.feature_count > 1 && materials.is_some();
         let mut capture = self.draw(&file.cloud, cameras, labelled)?;

@@ -179,7 +179,11 @@ fn way(place: &FromAbove, episode: &Episode, trial: &Trial) -> String {
     let [low, high] = place.bounds;
     // The picture's y goes down.
     let (x, y) = (|x: f64| x - low[0], |y: f64| high[1] - y);
-    let mut svg = format!("<svg class=\"above\" viewBox=\"0 0 {:.2} {:.2}\">", high[0] - low[0], high[1] - low[1]);
+    let mut svg = format!(
+        "<svg class=\"above\" role=\"img\" aria-label=\"Way from above\" viewBox=\"0 0 {:.2} {:.2}\">",
+        high[0] - low[0],
+        high[1] - low[1]
+    );
     for [from, to, middle] in &place.closed {
         let _ = write!(
             svg,
@@ -288,6 +292,7 @@ mod tests {
         moved.episodes[0].yaw += 1.0;
         let text = to_html(&results, &[walked, moved]);
         assert!(text.contains("a &lt;dog&gt;"));
+        crate::browser::check("navigate", &text);
         assert!(text.contains("1.0000") && text.matches("other episodes").count() == 1, "{text}");
     }
 }

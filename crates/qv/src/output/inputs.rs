@@ -164,7 +164,7 @@ fn paths_of(value: &OsStr) -> Vec<PathBuf> {
 
 fn refused(out: &Path, input: &Path) -> Failure {
     let hint = "name another place with --out";
-    format!("cannot write '{}': found {}, which is read; {hint}", out.display(), input.display()).into()
+    format!("cannot write '{}': the input '{}' is read from there\nhint: {hint}", out.display(), input.display()).into()
 }
 
 /// Refuses to write over what is read. A device or a pipe is not written over.

@@ -143,7 +143,7 @@ impl Report {
         let said = evidence.report.as_ref().map(|data| (data.title.as_str(), &data.notes[..]));
         let (title, notes) = said.unwrap_or_default();
         let sections: Vec<String> = report.visual.iter().map(|sight| section(sight, &[])).collect();
-        self.write(&self.out, export::to_html(&report, title, notes, &sections))?;
+        self.write(&self.out, export::to_html(&report, None, title, notes, &sections))?;
         self.write(&beside, export::to_json(&report))?;
         self.finish()
     }

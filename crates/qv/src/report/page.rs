@@ -344,6 +344,7 @@ mod tests {
             ),
         };
         let page = to_html(&parts).unwrap();
+        crate::browser::check("pipeline", &page);
         assert!(page.states("Of 2 50"), "{page}");
         assert!(page.contains("href=\"../navigate/index.html\""));
         for part in

@@ -253,6 +253,11 @@ mod tests {
     }
 
     #[test]
+    fn a_browser_shows_the_page() {
+        crate::browser::check("tune", &page(&made_up("go2")));
+    }
+
+    #[test]
     fn candidates_policies_paths_and_joints_are_told_and_no_name_breaks_the_page() {
         let nasty = "</style><script>alert(\"1\" & '2')</script>";
         let text = page(&made_up(nasty));

@@ -104,8 +104,8 @@ impl View {
             splat.as_ref().map(|s| format!("{} Gaussians", s.count)),
             mesh.as_ref().map(|m| format!("{} triangles", m.triangles.len())),
             motion.as_ref().map(|m| format!("{:.1} s of motion", m.seconds())),
-            (!slips.is_empty()).then(|| format!("{} slips", slips.len())),
-            (!causes.is_empty()).then(|| format!("{} causes", causes.len())),
+            (!slips.is_empty()).then(|| format!("{} slip{}", slips.len(), if slips.len() == 1 { "" } else { "s" })),
+            (!causes.is_empty()).then(|| format!("{} cause{}", causes.len(), if causes.len() == 1 { "" } else { "s" })),
         ];
         let has: Vec<String> = has.into_iter().flatten().collect();
         say(&format!("{}; {:.1} MB written to {}\n", has.join(", "), html.len() as f64 / 1e6, self.out.display()))?;

@@ -7,7 +7,7 @@ use super::place::{Slip, Splat};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use qv_core::TriangleMesh;
-use qv_page::{escape, policy, script_data};
+use qv_page::{TOKENS, escape, policy, script_data};
 use serde_json::{Value, json};
 
 /// The part of three.js that is used; see asset/README.md.
@@ -44,12 +44,13 @@ impl Data<'_> {
         let policy = policy(&[&three, SCRIPT]);
         format!(
             "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">{policy}\
-             <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{0}</title><style>{STYLE}</style>\
-             <canvas id=\"scene\"></canvas><div id=\"panel\"><h1>{0}</h1>{said}<div id=\"controls\"></div></div>\
+             <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{0}</title><style>{TOKENS}{STYLE}</style><body>\
+             <canvas id=\"scene\" role=\"img\" aria-label=\"3D view of scene, robot and slips: drag to turn, wheel to zoom, W A S D to fly\"></canvas>\
+             <main id=\"panel\" tabindex=\"0\"><h1>{0}</h1>{said}<div id=\"controls\"></div></main>\
              <div id=\"clock\"><button id=\"play\">play</button><input id=\"time\" type=\"range\" min=\"0\" max=\"1\" step=\"any\" value=\"0\" \
              aria-label=\"time\"><output id=\"now\"></output></div>\
              <script type=\"application/json\" id=\"data\">{data}</script>\
-             <script>{three}</script><script>{SCRIPT}</script></html>\n",
+             <script>{three}</script><script>{SCRIPT}</script></body></html>\n",
             escape(&heading)
         )
     }

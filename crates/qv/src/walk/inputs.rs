@@ -62,6 +62,23 @@ const BUMPS: f32 = 0.04;
 const SLOPE: f32 = 0.262;
 const STEP: f32 = 0.10;
 
+/// Where a policy walks: one option of all commands that need it.
+#[derive(clap::Args)]
+pub struct TerrainOption {
+    /// Set the terrain: plane, bumps, levels, or a labelled mesh
+    ///
+    /// bumps: up to 4 cm. levels: slopes up to 15 degrees, stairs up to 10 cm, bumps.
+    #[arg(
+        id = "terrain",
+        long = "terrain",
+        default_value = "plane",
+        value_name = "plane|bumps|levels|FILE.glb",
+        alias = "ground",
+        help_heading = "Input"
+    )]
+    pub name: String,
+}
+
 /// The ground that `--terrain` names.
 pub fn ground_of(name: &str, seed: u64) -> Result<Ground, Failure> {
     match name {

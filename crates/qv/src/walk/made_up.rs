@@ -1,6 +1,6 @@
 //! A made-up robot with hidden effects, in the place of a real one.
 
-use super::inputs::{ROOM, as_trained, checkpoint_of, ground_of, of_mesh, policy_of, robot_of};
+use super::inputs::{ROOM, TerrainOption, as_trained, checkpoint_of, ground_of, of_mesh, policy_of, robot_of};
 use crate::Failure;
 use crate::fixture::label_and_value;
 use qv_policy::policy::Policy;
@@ -25,15 +25,8 @@ pub struct MadeUp {
     /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
     #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     pub robot: String,
-    /// Set the terrain: plane, bumps, levels, or a labelled mesh
-    #[arg(
-        long = "terrain",
-        default_value = "plane",
-        value_name = "plane|bumps|levels|FILE.glb",
-        alias = "ground",
-        help_heading = "Input"
-    )]
-    ground: String,
+    #[command(flatten)]
+    terrain: TerrainOption,
     /// Override the friction of a label (repeatable)
     #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value, help_heading = "Input", hide_short_help = true)]
     friction: Vec<(String, f64)>,
@@ -64,9 +57,9 @@ impl MadeUp {
         let robot = as_trained(robot_of(&self.robot)?, &file, path)?;
         let start = checkpoint_of(path, &robot)?;
         let policy = start.best_policy(&robot)?;
-        let ground = match Path::new(&self.ground).extension() {
-            None if self.friction.is_empty() => ground_of(&self.ground, self.seed)?,
-            _ => of_mesh(&self.ground, &self.friction, self.room, self.seed)?,
+        let ground = match Path::new(&self.terrain.name).extension() {
+            None if self.friction.is_empty() => ground_of(&self.terrain.name, self.seed)?,
+            _ => of_mesh(&self.terrain.name, &self.friction, self.room, self.seed)?,
         };
         let hidden = match self.effects {
             Effects::Inside => HiddenRobot::inside(&robot, Engine::Ours, self.seed),

@@ -1,6 +1,6 @@
 //! `qv walk play`.
 
-use super::inputs::{as_trained, command, ground_of, policy_of, robot_of, urdf_of};
+use super::inputs::{TerrainOption, as_trained, command, ground_of, policy_of, robot_of, urdf_of};
 use crate::open::write_error;
 use crate::output::{make_folder, write_whole};
 use crate::{Failure, Outcome, say};
@@ -26,15 +26,8 @@ pub struct Play {
     /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
     #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     robot: String,
-    /// Set the terrain: plane, bumps, levels, or a labelled mesh
-    #[arg(
-        long = "terrain",
-        default_value = "plane",
-        value_name = "plane|bumps|levels|FILE.glb",
-        alias = "ground",
-        help_heading = "Input"
-    )]
-    ground: String,
+    #[command(flatten)]
+    terrain: TerrainOption,
     /// Command a velocity [m/s, m/s, rad/s; repeatable]
     ///
     /// Commands are held equally long. Default: forwards, a curve, sideways, standing.
@@ -65,7 +58,7 @@ impl Play {
         let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
         let substeps = (1.0 / (f64::from(file.rate) * file.timestep)).round() as usize;
         let settings = TaskSettings { rate: file.rate, substeps, episode: 1e4, ..Default::default() };
-        let mut task = VelocityTask::new(robot.clone(), ground_of(&self.ground, self.seed)?, settings, 1)?;
+        let mut task = VelocityTask::new(robot.clone(), ground_of(&self.terrain.name, self.seed)?, settings, 1)?;
         let seconds = self.seconds as f32;
         let each = seconds / self.command.len().max(1) as f32;
         let commands: Vec<(f32, [f32; 3])> = match self.command.is_empty() {
@@ -75,7 +68,7 @@ impl Play {
         let played =
             play(OnnxDecision { policy: &mut policy, robot: &robot }, &mut task, &commands, seconds, self.seed)?;
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
-        let title = format!("{} on {}", file.robot, self.ground);
+        let title = format!("{} on {}", file.robot, self.terrain.name);
         write_whole(&self.out.join("play.json"), format!("{}\n", serde_json::to_string(&played)?).as_bytes())?;
         let page = super::page::page(&title, &[], None, &played, &file);
         write_whole(&self.out.join("walk.html"), page.as_bytes())?;

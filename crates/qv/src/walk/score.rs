@@ -1,6 +1,6 @@
 //! `qv walk score`.
 
-use super::inputs::{as_trained, ground_of, policy_of, range, robot_of};
+use super::inputs::{TerrainOption, as_trained, ground_of, policy_of, range, robot_of};
 use crate::open::parameters_of;
 use crate::{Failure, Outcome, say};
 use qv_policy::gait::{Check, verdict};
@@ -14,21 +14,16 @@ pub struct ScoreArguments {
     /// Policy in ONNX
     policy: PathBuf,
     /// Read the description of a policy from another trainer
+    ///
+    /// It walks under eleven fixed commands, one robot each: --robots, --vx, --vy, --wz, --substeps and --robust are rejected with it.
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["vx", "vy", "wz", "substeps", "robust", "robots"], help_heading = "Input")]
     description: Option<PathBuf>,
     /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
     #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     robot: String,
-    /// Set the terrain: plane, bumps, levels, or a labelled mesh
-    #[arg(
-        long = "terrain",
-        default_value = "plane",
-        value_name = "plane|bumps|levels|FILE.glb",
-        alias = "ground",
-        help_heading = "Input"
-    )]
-    ground: String,
-    /// Score N robots, one command each
+    #[command(flatten)]
+    terrain: TerrainOption,
+    /// Score N robots, one command each [not with --description]
     #[arg(long, default_value_t = 64, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20), help_heading = "What to test", hide_short_help = true)]
     robots: u32,
     /// Set the length of each walk
@@ -69,7 +64,7 @@ impl ScoreArguments {
         }
         let (mut policy, file) = policy_of(&self.policy)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
-        let ground = ground_of(&self.ground, self.seed)?;
+        let ground = ground_of(&self.terrain.name, self.seed)?;
         let mut settings = TaskSettings { rate: file.rate, episode: 1e4, ..Default::default() };
         settings.substeps =
             self.substeps.unwrap_or_else(|| (1.0 / (f64::from(file.rate) * file.timestep)).round() as usize);
@@ -114,7 +109,7 @@ impl ScoreArguments {
 impl ScoreArguments {
     fn judge_others(&self, description: &Path) -> Result<Outcome, Failure> {
         let robot = robot_of(&self.robot)?;
-        let ground = ground_of(&self.ground, self.seed)?;
+        let ground = ground_of(&self.terrain.name, self.seed)?;
         let found = match &self.params {
             Some(file) => parameters_of(Some(file), &robot.model, &ground.terrain)?,
             None => Vec::new(),
@@ -147,15 +142,22 @@ fn row(check: &Check) -> serde_json::Value {
     })
 }
 
-/// Each figure of a gait against its bound, and the verdict.
+/// Each figure of a gait against its bound, and the verdict. Figures that fail stand in their rows alone.
 pub fn table(checks: &[Check]) -> String {
-    let mut text = String::new();
+    let mut text = format!("{:6}  {:32} {:>12}  {:14} {}\n", "result", "check", "value", "bound", "unit");
     for check in checks {
         let value = check.value.map_or("not measured".into(), |x| format!("{x:.2}"));
-        let verdict = if check.passes() { "pass" } else { "FAIL" };
-        text += &format!("  {verdict}  {:32} {value:>12} {:14} {}\n", check.quantity, check.bound_text(), check.unit);
+        let result = if check.passes() { "pass" } else { "FAIL" };
+        text += &format!("{result:6}  {:32} {value:>12}  {:14} {}", check.quantity, check.bound_text(), check.unit);
+        text.truncate(text.trim_end().len());
+        text.push('\n');
     }
-    text + &verdict(checks)
+    let failed = checks.iter().filter(|check| !check.passes()).count();
+    let verdict = match failed {
+        0 => format!("yes, all {} checks pass", checks.len()),
+        _ => format!("no, {failed} of {} checks fail", checks.len()),
+    };
+    format!("{text}fit to try on hardware: {verdict}")
 }
 
 /// A score in words.
@@ -189,7 +191,11 @@ mod tests {
             ..Gait::default()
         };
         let text = table(&gait.checks(&["a".into(), "b".into()]));
-        assert!(text.contains("FAIL  duty factor of a") && text.contains("pass  duty factor of b"), "{text}");
-        assert!(text.ends_with(')') && text.contains("no, because"), "{text}");
+        assert!(text.starts_with("result  check ") && text.contains("FAIL    duty factor of a"), "{text}");
+        assert!(text.contains("pass    duty factor of b"), "{text}");
+        let (rows, verdict) = text.rsplit_once('\n').unwrap();
+        assert!(verdict.starts_with("fit to try on hardware: no, "), "{verdict}");
+        assert!(verdict.contains(&format!("{} of", rows.matches("FAIL").count())), "a failure is a row, once: {text}");
+        assert_eq!(text.matches("duty factor of a").count(), 1, "{text}");
     }
 }

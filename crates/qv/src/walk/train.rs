@@ -1,6 +1,6 @@
 //! `qv walk train`.
 
-use super::inputs::{ground_of, range, robot_of, urdf_of};
+use super::inputs::{TerrainOption, ground_of, range, robot_of, urdf_of};
 use crate::open::{file_error, write_error};
 use crate::output::{self, make_folder, write_whole};
 use crate::progress::remark;
@@ -31,17 +31,8 @@ pub struct Train {
     /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
     #[arg(long, default_value = "go2", value_name = "ROBOT", help_heading = "Input")]
     robot: String,
-    /// Set the terrain: plane, bumps, levels, or a labelled mesh
-    ///
-    /// bumps: up to 4 cm. levels: slopes up to 15 degrees, stairs up to 10 cm, bumps.
-    #[arg(
-        long = "terrain",
-        default_value = "plane",
-        value_name = "plane|bumps|levels|FILE.glb",
-        alias = "ground",
-        help_heading = "Input"
-    )]
-    ground: String,
+    #[command(flatten)]
+    terrain: TerrainOption,
     /// Train for N iterations [default: 900 to 3000, by terrain]
     ///
     /// An iteration is 24 steps of all robots. Default: 900 on the plane, 1200 on bumps and meshes or with --robust, 3000 on levels.
@@ -115,7 +106,7 @@ impl Train {
             Some(kept) => kept.settings.clone(),
             None => self.settings(&robot)?,
         };
-        let ground = ground_of(&self.ground, settings.seed)?;
+        let ground = ground_of(&self.terrain.name, settings.seed)?;
         let settings = match &self.params {
             Some(file) => self.around(file, &robot, &ground, settings)?,
             None => settings,
@@ -189,7 +180,7 @@ impl Train {
 
     /// Iterations to do when nobody says how many: what brought trainings of each kind to where they change little.
     fn iterations(&self) -> u64 {
-        self.iterations.unwrap_or(match self.ground.as_str() {
+        self.iterations.unwrap_or(match self.terrain.name.as_str() {
             "levels" => 3000,
             "plane" if !self.robust => 900,
             _ => 1200,
@@ -233,7 +224,7 @@ impl Train {
             None => training.judge_now()?,
         };
         let policy = training.best().map_or_else(|| training.policy(), |(_, policy)| policy.clone());
-        let file = PolicyFile::new(robot, &settings.task, &self.ground, Some(score.clone()));
+        let file = PolicyFile::new(robot, &settings.task, &self.terrain.name, Some(score.clone()));
         let last = training.checkpoint_now().to_bytes()?;
         if let Some(better) = self.better(&file) {
             // It can be taken up again, or put in the place of the other.
@@ -297,7 +288,7 @@ impl Train {
         format!(
             "{} on {}",
             Path::new(&self.robot).file_stem().map_or("robot".into(), |s| s.to_string_lossy()),
-            self.ground
+            self.terrain.name
         )
     }
 

@@ -122,3 +122,26 @@ fn a_bag_of_ros_1_names_what_converts_it() {
     let (code, _, err) = inspect(&other);
     assert!(code == 1 && err.contains(".db3"), "{err}");
 }
+
+/// Over Wi-Fi messages arrive in bursts, and those of a burst in any order: by the robot's own count they are in order, and nothing is lost.
+#[test]
+fn a_burst_that_is_logged_backwards_is_read_by_the_clock_of_its_sender() {
+    let mut messages = walk(6.0);
+    for message in &mut messages {
+        let late = (message.time - START) % 20_000_000;
+        let place = late / 2_000_000;
+        let place = if message.topic == "/lowstate" { 9 - place } else { place };
+        message.time += 20_000_000 - late + 20_000 * place;
+    }
+    messages.sort_by_key(|message| message.time);
+    let path = bag("kinds_bursts", &write(&messages, small_chunks(None), &[]));
+    let (code, report, err) = inspect(&path);
+    assert_eq!((code, &report["partial"]), (0, &serde_json::json!(false)), "{report:#} {err}");
+    let clock = |topic: &str| {
+        let streams = report["streams"].as_array().unwrap();
+        streams.iter().find(|s| s["name"] == topic).unwrap()["clock"].clone()
+    };
+    assert_eq!((clock("/lowstate"), clock("/lowcmd")), ("tick".into(), "log".into()), "{report:#}");
+    let (_, screen, _) = qv(&["inspect", path.to_str().unwrap()]);
+    assert!(screen.contains("sender (tick)") && !screen.contains("out of order"), "{screen}");
+}

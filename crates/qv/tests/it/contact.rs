@@ -83,6 +83,7 @@ fn ice_is_found_and_grass_keeps_its_prior() {
     assert!(out.lines().count() == 1 && report["lost"].as_array().unwrap().is_empty());
 
     let page = fs::read_to_string(folder.join("out/contact.html")).unwrap();
+    crate::browser::check("contact", &page);
     let text = read::without_scripts(&page);
     assert!(text.contains("<svg") && text.states("touched") && !text.contains("NaN") && !page.contains("http:"));
     let boards = read::boards(&page);

@@ -209,7 +209,7 @@ fn limits_and_failures_are_told_apart() {
     assert!(kinds.contains(&"failed") && kinds.contains(&"no_report") && kinds.contains(&"timeout"), "{kinds:?}");
     assert!(kinds.contains(&memory), "{kinds:?}");
     let said = summary["failures"].as_array().unwrap().iter().find(|f| f["kind"] == "failed").unwrap();
-    assert_eq!(said["reason"], "RECORDING: expected a rehearsal that ends well, found exit 1");
+    assert_eq!(said["reason"], "cannot read 'RECORDING': expected a rehearsal that ends well, found exit 1");
     // By robot, then by day: bello 1, 3, 5, rex 0, 2, 4, 6. What was killed is started again, what a command says is believed.
     assert_eq!(starts(&fleet), [2, 1, 2, 2, 1, 2, 1]);
     let html = fs::read_to_string(Path::new(&fleet).join("fleet.html")).unwrap();

@@ -4,6 +4,8 @@ mod bad_input;
 mod bag_kinds;
 mod bags;
 mod big_bag;
+#[path = "../../../../fixtures/browser/mod.rs"]
+mod browser;
 mod captures;
 mod check;
 mod contact;
@@ -17,6 +19,7 @@ mod foreign;
 mod hostile;
 mod mesh;
 mod messages;
+mod mistakes;
 mod names;
 mod navigate;
 mod outputs;

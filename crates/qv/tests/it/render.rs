@@ -186,7 +186,7 @@ fn bad_input_is_named() {
     let fault = |scene: &Path, cameras: &Path, options: &[&str]| {
         let (code, _, err) = render(scene, cameras, &out, options);
         assert_eq!(code, 1, "{err}");
-        assert!(err.contains("expected") && err.contains("found"), "{err}");
+        assert!(err.contains("error: cannot ") && err.contains("\nhint: "), "{err}");
         err
     };
     let other = |name: &str, content: &[u8]| {

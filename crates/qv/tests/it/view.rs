@@ -120,7 +120,7 @@ fn one_looks_around_in_the_page() {
     let page = root.join("view.html");
     let (code, out, err) = qv(&["view", root.to_str().unwrap(), "--gaussians", "400", "--out", page.to_str().unwrap()]);
     assert_eq!(code, 0, "{err}");
-    assert!(out.states("400 Gaussians 8") && out.states("causes 1 1"), "{out}");
+    assert!(out.states("400 Gaussians 8") && out.states("1 slip, 1 cause"), "{out}");
     assert!(err.states("400 900 Gaussians"), "{err}");
     let html = fs::read_to_string(&page).unwrap();
     assert!(html.states("default-src") && html.states("The MIT License"), "no network; three.js with its licence");
@@ -128,6 +128,7 @@ fn one_looks_around_in_the_page() {
     for never in ["<link", "<img", "src=", "@import", "fetch(", "XMLHttpRequest"] {
         assert!(!html.contains(never), "{never}");
     }
+    crate::browser::check("view", &html);
     let Some(browser) = browser() else { return crate::skipped::skipped("no Chromium") };
     let seen = looked_at(&browser, &page);
     assert!(seen["error"].is_null(), "{}", seen["error"]);

@@ -8,8 +8,8 @@ use std::fmt::Write;
 /// Places of the ranking that are shown at least and at most; those between when there is something to see.
 const RANKS: [usize; 2] = [4, 8];
 
-/// Before, after and floor as bars; what share of the difference is closed.
-pub(super) fn gap(report: &Report) -> String {
+/// Before, after and floor as bars, and what share of the difference is closed, beside the picture of the robot.
+pub(super) fn gap(report: &Report, picture: &str) -> String {
     let (gap, verdict, has_causes) = (&report.gap, report.verdict, !report.causes.is_empty());
     let seen = if gap.heldout { "on held-out windows" } else { "on the windows of the fit" };
     let largest = [gap.before, gap.after, gap.floor].into_iter().filter(|x| x.is_finite()).fold(1e-300, f64::max);
@@ -26,8 +26,9 @@ pub(super) fn gap(report: &Report) -> String {
     let unit = if gap.unit.is_empty() { String::new() } else { format!("{}, ", escape(&gap.unit)) };
     let _ =
         write!(bars, "<p class=\"soft small\">{unit}{seen}; the noise floor is what noise and numerics alone give</p>");
+    let picture = if picture.is_empty() { String::new() } else { titled_card("Place of the cause", picture) };
     format!(
-        "<h2>Error before and after</h2><div class=\"grid even\" style=\"--min:360px\"><div class=\"card\"><h3>Normalized error</h3>{bars}</div>{}</div>",
+        "<h2>Error before and after</h2><div class=\"grid even\" style=\"--min:300px\">{picture}<div class=\"card\"><h3>Normalized error</h3>{bars}</div>{}</div>",
         closed(gap, verdict, has_causes, report.policy.explained)
     )
 }

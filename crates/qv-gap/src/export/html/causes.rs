@@ -46,9 +46,10 @@ fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String
     let mut row = |name: &str, value: String| {
         let _ = write!(text, "<dt>{name}</dt><dd>{value}</dd>");
     };
-    let sizes: Vec<String> = c.parameters.iter().map(|p| parameter(c, p)).collect();
+    let sizes = sizes(c);
     if !sizes.is_empty() {
-        row("size", format!("{} <span class=\"soft small\">95 % interval</span>", sizes.join("<br>")));
+        let note = if has_interval(c) { " <span class=\"soft small\">95 % interval</span>" } else { "" };
+        row("size", sizes.join("<br>") + note);
     }
     if !c.scope.is_empty() {
         row("scope", scope(c, library));
@@ -67,10 +68,27 @@ fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String
     text + "</dl></article>"
 }
 
-fn parameter(c: &Cause, p: &crate::report::ParameterEstimate) -> String {
-    let size = format!("<b>{}</b>", escape(&size(p)));
-    // One value needs no name beside the effect's.
-    if c.parameters.len() == 1 { size } else { format!("{} {size}", escape(&words(&p.name).to_lowercase())) }
+/// Whether a size has an interval.
+pub(super) fn has_interval(c: &Cause) -> bool {
+    c.parameters.iter().any(|p| p.ci95.iter().all(|x| x.is_finite()))
+}
+
+/// Each size with its interval, as HTML; several have their names and, where each part has one, their parts.
+pub(super) fn sizes(c: &Cause) -> Vec<String> {
+    let sizes = c.parameters.iter().map(|p| format!("<b>{}</b>", escape(&size(p))));
+    if c.parameters.len() == 1 {
+        // One value needs no name beside the effect's.
+        return sizes.collect();
+    }
+    let name = |label: String| escape(&words(&label).to_lowercase());
+    c.parameter_labels()
+        .into_iter()
+        .zip(sizes)
+        .map(|((label, part), size)| {
+            let of = part.map_or(String::new(), |part| format!(" of {}", escape(part)));
+            format!("{}{of} {size}", name(label.into()))
+        })
+        .collect()
 }
 
 fn scope(c: &Cause, library: &[Effect]) -> String {

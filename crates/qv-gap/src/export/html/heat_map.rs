@@ -2,6 +2,7 @@
 
 use super::words::{escape, fixed, percent};
 use crate::report::{HeatMap, TimeShare};
+use qv_page::parts::scroll;
 use qv_page::picture::{Axis, legend, level, shortened, ticks, top};
 use std::fmt::Write;
 
@@ -206,8 +207,8 @@ pub(super) fn times(times: &[TimeShare]) -> String {
         let _ = write!(svg, "<text x=\"{:.1}\" y=\"96\" text-anchor=\"middle\">{label}</text>", xs.at(t));
     }
     format!(
-        "<div class=\"card\"><h3>Share of the error by window [%]</h3><div class=\"scroll\">{svg}\
-         <text x=\"996\" y=\"110\" text-anchor=\"end\">{label}</text></svg></div></div>"
+        "<div class=\"card\"><h3>Share of the error by window [%]</h3>{}</div>",
+        scroll("shares over time", &format!("{svg}<text x=\"996\" y=\"110\" text-anchor=\"end\">{label}</text></svg>"))
     )
 }
 

@@ -40,7 +40,7 @@ pub(super) fn sizes(all: &[CanTell], found: &str) -> String {
     let html = format!(
         "<details><summary>Smallest detectable size of each effect</summary><p class=\"soft small\">Found in {found} such \
          recordings, if nothing else is wrong with the simulator. A full bar: not even the largest that is looked for.</p>\
-         <div class=\"scroll\">{}</div></details>",
+         {}</details>",
         table.to_html()
     );
     format!("<h2>Detectable effects</h2>{}", card(&html))

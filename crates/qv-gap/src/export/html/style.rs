@@ -11,4 +11,7 @@ pub(super) const STYLE: &str = "\
 dl{display:grid;grid-template-columns:max-content 1fr;gap:3px 16px;margin:0}dt{color:var(--soft)}dd{margin:0;min-width:0}\
 @media(max-width:560px){dl{grid-template-columns:1fr;gap:0}dd{margin-bottom:6px}}\
 .bar{fill:var(--accent)}.dot{stroke:var(--faint);stroke-width:.5}.way{fill:none;stroke:var(--faint);stroke-width:1;opacity:.6}\
+.limb{stroke:var(--faint);stroke-width:5;stroke-linecap:round}.limb.marked{stroke:var(--bad);stroke-width:7}\
+.trunk{fill:var(--track);stroke:var(--faint);stroke-width:5;stroke-linejoin:round}.trunk.marked{stroke:var(--bad)}\
+.pin{fill:var(--card);stroke:var(--soft);stroke-width:1.5}.pin.marked{fill:var(--bad);stroke:var(--ink)}\
 .region{fill:none;stroke:var(--ink);stroke-width:1.4;stroke-dasharray:5 4}";

@@ -280,3 +280,64 @@ fn traces() -> Traces {
     };
     Traces { joints, windows: (0..4).map(window).collect() }
 }
+
+/// An arm of two links with friction in both joints, decided by its torque balance.
+pub fn held() -> Report {
+    let friction = |value: f64| estimate("coulomb_friction", value, [value - 0.02, value + 0.02], "N m");
+    let cause = Cause {
+        effect: "joint_coulomb_friction".into(),
+        probability: 0.95,
+        scope: vec!["shoulder".into(), "elbow".into()],
+        parameters: vec![friction(0.12), friction(0.08)],
+        closed_alone: 0.8,
+        confusable_with: vec!["load_friction".into()],
+        separating_experiment: "move slowly with and without a load".into(),
+        by_recording: Vec::new(),
+    };
+    let row = |joint: &str| qv_held::JointRow {
+        joint: joint.into(),
+        coulomb: [0.12, 0.01, 0.0],
+        viscous: [0.01, 0.002, 0.0],
+        armature: [0.002, 0.0001, 0.002],
+        excitation: [1.2, 3.0],
+        torque: [0.8, 0.1, 0.03],
+    };
+    let series = |scale: f64| (0..200).map(|k| scale * (0.1 * f64::from(k)).sin()).collect::<Vec<f64>>();
+    let trace = |joint: &str| qv_held::TorqueTrace {
+        joint: joint.into(),
+        run: vec![0; 200],
+        time: (0..200).map(|k| 0.04 * f64::from(k)).collect(),
+        speed: series(1.5),
+        measured: series(1.0),
+        predicted: series(0.8),
+        corrected: series(0.98),
+        friction: series(0.2),
+    };
+    let balance = TorqueBalance {
+        references: 3,
+        p_gap: Some(0.001),
+        joints: vec![row("shoulder"), row("elbow")],
+        traces: vec![trace("shoulder"), trace("elbow")],
+        ..TorqueBalance::default()
+    };
+    Report {
+        verdict: Verdict::Explained,
+        sentence: "Cause: joint coulomb friction of shoulder, elbow.".into(),
+        gap: Gap {
+            before: 4.2,
+            after: 1.1,
+            closed: 0.97,
+            closed_ci95: [0.9, 1.0],
+            heldout: true,
+            unit: "mean square".into(),
+            ..empty().gap
+        },
+        causes: vec![cause],
+        torque_balance: Some(balance),
+        next: vec![
+            "Check the correction: `qv replay NEW_RUN --params out/why/calibrated.toml --out out/replay`.".into(),
+        ],
+        corrections_apply: true,
+        ..empty()
+    }
+}

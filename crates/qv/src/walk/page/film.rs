@@ -15,9 +15,8 @@ pub fn film(played: &WalkTrace) -> Option<(String, String)> {
     let (what, steps) = chosen(played)?;
     let scale = 0.46 * CELL[0] / reach(played, &steps).max(1e-6);
     let (width, height) = (CELL[0] * POSES as f32, CELL[1]);
-    let mut svg = format!(
-        "<div class=\"scroll\"><svg class=\"film\" viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"Eight poses\">"
-    );
+    let mut svg =
+        format!("<svg class=\"film\" viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"Eight poses\">");
     for (k, &step) in steps.iter().enumerate() {
         let middle = CELL[0] * (k as f32 + 0.5);
         let pose = Pose::new(played, step);
@@ -33,7 +32,7 @@ pub fn film(played: &WalkTrace) -> Option<(String, String)> {
         let time = (step + 1) as f32 / played.rate;
         _ = write!(svg, "<text x=\"{middle:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{time:.2} s</text>", height - 6.0);
     }
-    Some((what, svg + "</svg></div>"))
+    Some((what, qv_page::parts::scroll("poses", &(svg + "</svg>"))))
 }
 
 /// The last moments before a fall, else one stride (from touchdown to touchdown of the first foot) in the middle of the

@@ -224,6 +224,13 @@ mod tests {
     }
 
     #[test]
+    fn a_browser_shows_the_page() {
+        let score = Score { robots: 64, velocity_error: 0.061, velocity_error_se: 0.004, ..Default::default() };
+        let page = page("Walk of go2", &lines(100), Some(&score), &made_up(300), &file());
+        crate::browser::check("walk", &page);
+    }
+
+    #[test]
     fn twenty_seconds_are_small() {
         let page = page("Walk", &lines(2000), None, &made_up(1000), &file());
         assert!(page.len() < 1_000_000, "{} bytes", page.len());

@@ -33,7 +33,7 @@ fn a_capture_in_the_output_folder_is_refused_and_stays() {
         "reconstruct proj/capture --out proj/capture/.. --poses colmap --iterations 1",
     ] {
         let (code, _, err) = qv(&root, words);
-        assert!(code == 1 && err.lines().count() == 1 && err.states("read"), "{words}: {err}");
+        assert!(code == 1 && err.lines().count() == 2 && err.states("read"), "{words}: {err}");
         assert_eq!(contents(&root), before, "{words}");
     }
     #[cfg(unix)]
@@ -82,7 +82,7 @@ fn what_a_diagnosis_reads_is_not_written_over() {
     let before = contents(&root);
     for out in ["d", "d/", "d/../d"] {
         let (code, _, err) = qv(&root, &format!("diagnose run --params d/calibrated.toml --out {out}"));
-        assert!(code == 1 && err.contains("calibrated.toml") && err.lines().count() == 1, "{err}");
+        assert!(code == 1 && err.contains("calibrated.toml") && err.lines().count() == 2, "{err}");
         assert_eq!(contents(&root), before);
     }
 }

@@ -30,7 +30,7 @@ fn a_plan_with_other_identities_is_refused() {
         fs::write(root.join("fleet/plan.json"), text.replace(&unit_of(&text), odd)).unwrap();
         for words in ["fleet run fleet", "fleet snakemake fleet", "fleet slurm fleet", "fleet gather fleet"] {
             let (code, out, err) = qv(&root, words);
-            assert!(code == 1 && out.is_empty() && err.lines().count() == 1, "{words}: {out}{err}");
+            assert!(code == 1 && out.is_empty() && err.lines().count() == 2, "{words}: {out}{err}");
         }
     }
     assert_eq!(fs::read_to_string(victim.join("out/thesis.txt")).unwrap(), "mine");
