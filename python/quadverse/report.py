@@ -88,11 +88,11 @@ class Report(_Files):
 
     def _repr_html_(self):
         rows = "".join(
-            f"<tr><td>{html.escape(r['effect'])}</td><td>{100 * r['probability']:.1f} %</td></tr>"
+            f"<tr><td>{html.escape(r['effect'])}</td><td>{r['score']:.2f}</td></tr>"
             for r in self.fields["ranking"][:6]
         )
         sentence = html.escape(self.fields["sentence"])
-        return f"<p><b>{sentence}</b></p><table><tr><th>effect</th><th>probability</th></tr>{rows}</table>"
+        return f"<p><b>{sentence}</b></p><table><tr><th>effect</th><th>score</th></tr>{rows}</table>"
 
 
 def _recording(what, robot):

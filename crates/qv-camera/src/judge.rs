@@ -249,7 +249,7 @@ impl Judge<'_> {
             }
             causes.push(Cause {
                 effect: EFFECTS[effect].name.into(),
-                probability: 0.0,
+                score: 0.0,
                 scope: vec!["all".into()],
                 parameters: self.estimates(effect, best),
                 closed_alone: closed(before, &alone, &floor),

@@ -49,9 +49,9 @@ fn one(folder: &Path, out: &Path, policy: &Policy) -> Result<bool, Box<dyn Error
 
 fn report(evidence: &Evidence, decision: &Decision) -> Value {
     let is_told = decision.accuses();
-    let probability = |effect: &str| {
+    let score = |effect: &str| {
         let of = decision.ranking.iter().find(|r| r.effect == effect);
-        of.map_or(0.0, |r| r.probability)
+        of.map_or(0.0, |r| r.score)
     };
     let causes = evidence.accused().filter(|_| is_told).map(|(accused, candidate)| {
         let scope = match candidate.extent {
@@ -60,7 +60,7 @@ fn report(evidence: &Evidence, decision: &Decision) -> Value {
         };
         json!({
             "effect": candidate.effect,
-            "probability": probability(&candidate.effect),
+            "score": score(&candidate.effect),
             "scope": scope,
             "parameters": accused.parameters,
         })

@@ -110,9 +110,9 @@ pub struct ParameterEstimate {
 pub struct RankedEffect {
     /// Name.
     pub effect: String,
-    /// Probability that it is there; see `Cause::probability` of the report.
-    #[serde(deserialize_with = "or_nan")]
-    pub probability: f64,
+    /// Orders candidates, from 0 to 1; it is no probability, see `Cause::score` of the report.
+    #[serde(alias = "probability", deserialize_with = "or_nan")]
+    pub score: f64,
 }
 
 /// A parameter of the simulator as it should be.
@@ -205,11 +205,10 @@ pub struct Where {
 pub struct Cause {
     /// Name.
     pub effect: String,
-    /// Probability that it is there, by what is known of the effects of the library and `unknown`. Several can be there at once: where more
-    /// than one is accused they do not sum to 1. Of a robot that is decided by its torque balance it is 1 less the error rate of the tests that were
-    /// passed, and no probability.
-    #[serde(deserialize_with = "or_nan")]
-    pub probability: f64,
+    /// Orders causes and candidates, from 0 to 1: by the share of the gap that is closed, and by evidence among rivals. It is no probability. Of a robot that is decided by its torque balance it is 1 less the error rate of the tests that were
+    /// passed.
+    #[serde(alias = "probability", deserialize_with = "or_nan")]
+    pub score: f64,
     /// `all`, or joints, legs, feet, a region.
     pub scope: Vec<String>,
     /// Its size.

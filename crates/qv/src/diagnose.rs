@@ -12,7 +12,10 @@ use crate::provenance::provenance;
 use crate::scene::open_scene;
 use crate::terminal::print_message;
 #[cfg(feature = "learn")]
-use crate::walk::trial::TrialPolicy;
+use crate::walk::{
+    ladder::{self, ladders},
+    trial::TrialPolicy,
+};
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_camera::{EFFECTS, Footage, Look, LookOptions, Photograph, check, html, look};
 use qv_core::{GaussianCloud, JointSeries};
@@ -330,13 +333,25 @@ impl Diagnose {
         report: &Report,
         mut sections: Vec<String>,
     ) -> Result<(String, Vec<String>), RecordingError> {
-        let trial = tried.trial(model, terrain, &report.corrections).map_err(untold)?;
-        sections.push(trial.section());
+        let sizes: Vec<_> = report.causes.iter().flat_map(|c| c.parameters.clone()).collect();
+        let trial = tried.trial((model, terrain), &report.corrections).map_err(untold)?;
+        let ladders = ladders(tried, (model, terrain), (&sizes, &report.corrections), &trial).map_err(untold)?;
+        sections.extend([trial.section(), ladder::section(&ladders, &trial)]);
         let path = self.out.join("policy.json");
-        let text = serde_json::to_string(&trial).expect("a trial is plain data");
+        let text = serde_json::to_string(&File { trial: &trial, ladders: &ladders }).expect("plain data");
         put(&path, text + "\n").map_err(|e| write_error(&path, &e))?;
-        Ok((trial.sentence() + "\n", sections))
+        let lines = [vec![trial.sentence()], ladder::sentences(&ladders)].concat();
+        Ok((lines.join("\n") + "\n", sections))
     }
+}
+
+/// policy.json.
+#[cfg(feature = "learn")]
+#[derive(serde::Serialize)]
+struct File<'f> {
+    #[serde(flatten)]
+    trial: &'f crate::walk::trial::Trial,
+    ladders: &'f [ladder::Ladder],
 }
 
 /// A policy's error as one of the run.
@@ -413,10 +428,10 @@ fn summary(report: &Report) -> String {
     if is_balanced {
         text += &format!("tests at an error rate of {:.0} % per diagnosis\n", 100.0 * report.policy.held.alpha);
     }
-    // What passed tests at an error rate has no probability.
+    // What passed tests at an error rate has no score.
     for ranked in report.ranking.iter().take(if is_balanced { 0 } else { 4 }) {
         let name = if ranked.effect == UNKNOWN { "none of the library" } else { &ranked.effect };
-        text += &format!("{:>6.1} %  {name}\n", 100.0 * ranked.probability);
+        text += &format!("score {:.2}  {name}\n", ranked.score);
     }
     for cause in report.causes.iter().filter(|c| !c.confusable_with.is_empty()) {
         text += &format!(

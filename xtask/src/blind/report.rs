@@ -88,8 +88,8 @@ pub struct Region {
 #[derive(Debug, Clone, Default, Deserialize)]
 pub struct Cause {
     pub effect: String,
-    #[serde(default)]
-    pub probability: f64,
+    #[serde(default, alias = "probability")]
+    pub score: f64,
     #[serde(default)]
     pub scope: Vec<String>,
     #[serde(default)]
@@ -105,11 +105,12 @@ pub struct Estimate {
     pub ci95: Option<[f64; 2]>,
 }
 
-/// An effect's probability.
+/// An effect's score.
 #[derive(Debug, Clone, Deserialize)]
 pub struct RankedEffect {
     pub effect: String,
-    pub probability: f64,
+    #[serde(alias = "probability")]
+    pub score: f64,
 }
 
 /// What a diagnosis says first.
@@ -152,10 +153,10 @@ impl Report {
         self.causes.iter().filter(|cause| cause.effect != UNKNOWN)
     }
 
-    /// The `count` likeliest effects of the library: what is accused, then the ranking in the order of probability.
+    /// The `count` likeliest effects of the library: what is accused, then the ranking in the order of score.
     pub fn likeliest(&self, count: usize) -> Vec<&str> {
         let mut ranking: Vec<&RankedEffect> = self.ranking.iter().collect();
-        ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        ranking.sort_by(|a, b| b.score.total_cmp(&a.score));
         let mut names: Vec<&str> = Vec::new();
         let all = self.causes.iter().map(|c| c.effect.as_str()).chain(ranking.iter().map(|r| r.effect.as_str()));
         for name in all.filter(|name| *name != UNKNOWN) {
@@ -173,11 +174,11 @@ impl Report {
         Some(&largest.name)
     }
 
-    /// How much it leans to `unknown`: the probability of that in ranking or causes; where it is listed in neither, what the
+    /// How much it leans to `unknown`: the score of that in ranking or causes; where it is listed in neither, what the
     /// likeliest effect leaves of 1.
     pub fn leans_to_unknown(&self) -> f64 {
-        let listed = self.ranking.iter().map(|r| (r.effect.as_str(), r.probability));
-        let accused = self.causes.iter().map(|c| (c.effect.as_str(), c.probability));
+        let listed = self.ranking.iter().map(|r| (r.effect.as_str(), r.score));
+        let accused = self.causes.iter().map(|c| (c.effect.as_str(), c.score));
         let mut by_name: BTreeMap<&str, f64> = BTreeMap::new();
         for (name, probability) in listed.chain(accused) {
             let known = by_name.entry(name).or_insert(probability);
@@ -215,7 +216,7 @@ mod tests {
 
     fn report(causes: &[&str], ranking: &[(&str, f64)]) -> Report {
         let cause = |name: &&str| Cause { effect: (*name).into(), ..Default::default() };
-        let ranked = |(name, p): &(&str, f64)| RankedEffect { effect: (*name).into(), probability: *p };
+        let ranked = |(name, p): &(&str, f64)| RankedEffect { effect: (*name).into(), score: *p };
         Report {
             causes: causes.iter().map(cause).collect(),
             ranking: ranking.iter().map(ranked).collect(),

@@ -14,7 +14,7 @@ const MOST_STEPS: f64 = 60.0;
 pub struct CameraDecision {
     /// The outcome for this interface.
     pub verdict: Verdict,
-    /// Effects of the camera and [`NONE`] by probability.
+    /// Effects of the camera and [`NONE`] by score.
     pub ranking: Vec<RankedEffect>,
 }
 
@@ -51,12 +51,12 @@ fn ranking(camera: &CameraEvidence, policy: &Policy) -> Vec<RankedEffect> {
     let one = |(effect, evidence): &(String, f64)| {
         let share = weight(*evidence) / total;
         let is_accused = camera.causes.iter().any(|c| c.effect == *effect);
-        let probability = if is_accused { share.max(policy.explained) } else { share };
-        RankedEffect { effect: effect.clone(), probability }
+        let score = if is_accused { share.max(policy.explained) } else { share };
+        RankedEffect { effect: effect.clone(), score }
     };
     let mut all: Vec<RankedEffect> = camera.evidence.iter().map(one).collect();
-    all.push(RankedEffect { effect: NONE.into(), probability: of_none / total });
-    all.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    all.push(RankedEffect { effect: NONE.into(), score: of_none / total });
+    all.sort_by(|a, b| b.score.total_cmp(&a.score));
     all
 }
 

@@ -106,7 +106,7 @@ fn what_closes_the_gap_is_accused_and_ranks_first() {
     let decision = decided(&latency(), &Policy::default());
     assert_eq!((decision.verdict, &decision.doubt), (Verdict::Explained, &None));
     assert_eq!(decision.ranking[0].effect, "command_latency");
-    assert!(decision.ranking[0].probability > 0.8, "{:?}", decision.ranking);
+    assert!(decision.ranking[0].score > 0.8, "{:?}", decision.ranking);
 }
 
 #[test]
@@ -206,7 +206,7 @@ fn what_fits_a_part_of_the_noise_is_no_gap() {
     evidence.corrected.as_mut().unwrap().closed.share_with_events = 0.02;
     let decision = decided(&evidence, &Policy::default());
     assert_eq!(decision.verdict, Verdict::NoGap);
-    assert!(decision.ranking.iter().all(|r| r.probability == 0.0), "{:?}", decision.ranking);
+    assert!(decision.ranking.iter().all(|r| r.score == 0.0), "{:?}", decision.ranking);
 }
 
 #[test]

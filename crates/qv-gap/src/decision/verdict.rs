@@ -16,7 +16,7 @@ pub struct Decision {
     pub verdict: Verdict,
     /// Why what was accused does not explain the recording all the same.
     pub doubt: Option<Doubt>,
-    /// Effects and `unknown` by probability.
+    /// Effects and `unknown` by score.
     pub ranking: Vec<RankedEffect>,
     /// What each round came to, as far as this policy goes.
     pub rounds: Vec<Judgement>,
@@ -221,13 +221,13 @@ impl Case<'_> {
         let total: f64 = weights.iter().map(|w| w.1).sum::<f64>().max(1e-300);
         let mut ranking: Vec<RankedEffect> = weights
             .into_iter()
-            .map(|(effect, weight)| RankedEffect { effect, probability: known * weight / total })
+            .map(|(effect, weight)| RankedEffect { effect, score: known * weight / total })
             .collect();
         let unknown = if verdict == Verdict::NoGap { 0.0 } else { 1.0 - known };
-        ranking.push(RankedEffect { effect: UNKNOWN.into(), probability: unknown });
+        ranking.push(RankedEffect { effect: UNKNOWN.into(), score: unknown });
         // Thousands of nats below the best all scores are 0, and evidence still shows.
         let evidence = |r: &RankedEffect| best.get(r.effect.as_str()).copied().unwrap_or(f64::NEG_INFINITY);
-        let key = |r: &RankedEffect| (accused.contains(&r.effect.as_str()), r.probability, evidence(r));
+        let key = |r: &RankedEffect| (accused.contains(&r.effect.as_str()), r.score, evidence(r));
         ranking.sort_by(|a, b| {
             let (a, b) = (key(a), key(b));
             b.0.cmp(&a.0).then(b.1.total_cmp(&a.1)).then(b.2.total_cmp(&a.2))

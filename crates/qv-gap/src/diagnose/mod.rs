@@ -428,7 +428,7 @@ impl<'a> Session<'a> {
             .collect();
         let cause = Cause {
             effect: effect.name.clone(),
-            probability: 0.0,
+            score: 0.0,
             scope: match remarks.extent {
                 Some(Extent::Region(_)) => vec!["region".into()],
                 _ => group.names.clone(),

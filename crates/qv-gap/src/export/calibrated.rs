@@ -98,7 +98,7 @@ mod tests {
     fn cause(effect: &str, scope: &[&str], parameter: &str) -> Cause {
         Cause {
             effect: effect.into(),
-            probability: 0.9,
+            score: 0.9,
             scope: scope.iter().map(|s| (*s).to_string()).collect(),
             parameters: vec![crate::report::ParameterEstimate {
                 name: parameter.into(),

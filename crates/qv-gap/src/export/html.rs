@@ -101,7 +101,7 @@ fn answers(report: &Report) -> Vec<(&'static str, String)> {
     let sure = if report.is_balanced() {
         format!("tests with {} false alarms", percent(report.policy.held.alpha))
     } else {
-        format!("{} probable", percent(cause.probability))
+        format!("score {} (orders candidates, 0 to 1)", fixed(cause.score, 2))
     };
     vec![
         ("Cause", format!("<b>{}</b>", escape(&words(&cause.effect)))),

@@ -8,8 +8,8 @@ impl Sight {
     /// What was decided on evidence.
     pub fn new(camera: &CameraEvidence, decision: &CameraDecision) -> Self {
         let CameraDecision { verdict, ranking } = decision.clone();
-        let probability = |effect: &str| ranking.iter().find(|r| r.effect == effect).map_or(0.0, |r| r.probability);
-        let cause = |cause: &Cause| Cause { probability: probability(&cause.effect), ..cause.clone() };
+        let score = |effect: &str| ranking.iter().find(|r| r.effect == effect).map_or(0.0, |r| r.score);
+        let cause = |cause: &Cause| Cause { score: score(&cause.effect), ..cause.clone() };
         let causes: Vec<Cause> = camera.causes.iter().map(cause).collect();
         let CameraEvidence { photographs, size, gap, level, evidence, shared, noise, cannot_tell, .. } = camera.clone();
         let sentence = sentence(verdict, &causes, &gap, photographs);
@@ -57,15 +57,13 @@ pub fn join(report: &mut Report, sight: Sight) {
         cause.confusable_with.retain(|name| name != "pose_delay" || !excludes_pose_delay);
         report.causes.push(cause);
     }
-    report.causes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    report.causes.sort_by(|a, b| b.score.total_cmp(&a.score));
     // One list for both, whose probabilities are those within the part of the gap that is theirs.
-    report.ranking.iter_mut().for_each(|r| r.probability *= 1.0 - share);
+    report.ranking.iter_mut().for_each(|r| r.score *= 1.0 - share);
     let of_camera = sight.ranking.iter().filter(|r| r.effect != NONE);
-    let total: f64 = of_camera.clone().map(|r| r.probability).sum::<f64>().max(1.0);
-    report.ranking.extend(
-        of_camera.map(|r| RankedEffect { effect: r.effect.clone(), probability: share * r.probability / total }),
-    );
-    report.ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    let total: f64 = of_camera.clone().map(|r| r.score).sum::<f64>().max(1.0);
+    report.ranking.extend(of_camera.map(|r| RankedEffect { effect: r.effect.clone(), score: share * r.score / total }));
+    report.ranking.sort_by(|a, b| b.score.total_cmp(&a.score));
     report.cannot_tell.extend(sight.cannot_tell.iter().cloned());
     if !sight.causes.is_empty() {
         report.next.push("Use `calibrated_camera.toml` as the camera, and diagnose again.".into());

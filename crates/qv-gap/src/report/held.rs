@@ -123,7 +123,7 @@ impl Page<'_> {
         }
         Cause {
             effect: effect.clone(),
-            probability: 1.0 - self.alpha,
+            score: 1.0 - self.alpha,
             scope: tested.hypothesis.scope.clone(),
             parameters: self.parameters(k),
             closed_alone: self.decision.judged[k].share.clamp(-1.0, 1.0),
@@ -144,7 +144,7 @@ impl Page<'_> {
             from = axes.end;
             all.push(Cause {
                 effect: hypothesis.effect.clone(),
-                probability: 1.0 - self.alpha.max(p),
+                score: 1.0 - self.alpha.max(p),
                 scope: hypothesis.scope.clone(),
                 parameters: parameters(&pair.test, &judged.tests, axes),
                 closed_alone: self.decision.judged[member].share.clamp(-1.0, 1.0),
@@ -165,7 +165,7 @@ impl Page<'_> {
         };
         Cause {
             effect: "external_torque".into(),
-            probability: (1.0 - event.p).max(0.0),
+            score: (1.0 - event.p).max(0.0),
             scope: vec![event.joint.clone()],
             parameters: vec![
                 exact("external_torque", "N m", event.torque),
@@ -240,18 +240,18 @@ impl Page<'_> {
         let mut all: Vec<RankedEffect> = Vec::new();
         for cause in causes {
             if all.iter().all(|r| r.effect != cause.effect) {
-                all.push(RankedEffect { effect: cause.effect.clone(), probability: 1.0 - self.alpha });
+                all.push(RankedEffect { effect: cause.effect.clone(), score: 1.0 - self.alpha });
             }
         }
         let each = 0.5 / leads.len().max(1) as f64;
-        all.extend(leads.iter().map(|l| RankedEffect { effect: l.effects[0].clone(), probability: each }));
+        all.extend(leads.iter().map(|l| RankedEffect { effect: l.effects[0].clone(), score: each }));
         let unknown = match self.decision.outcome {
             Outcome::Unexplained if leads.is_empty() => 1.0 - self.alpha,
             Outcome::Unexplained => 0.5,
             _ => self.alpha,
         };
-        all.push(RankedEffect { effect: UNKNOWN.into(), probability: unknown });
-        all.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        all.push(RankedEffect { effect: UNKNOWN.into(), score: unknown });
+        all.sort_by(|a, b| b.score.total_cmp(&a.score));
         all
     }
 
@@ -316,12 +316,8 @@ impl Page<'_> {
     fn sentence(&self, causes: &[Cause], leads: &[Lead], gap: &Gap) -> String {
         let ratio = gap.before / gap.floor.max(1e-12);
         let p = self.decision.p_gap;
-        let residual = format!(
-            "the {} residual is {ratio:.1} times that of {} (p = {})",
-            self.channel(),
-            self.null(),
-            probability(p)
-        );
+        let residual =
+            format!("the {} residual is {ratio:.1} times that of {} (p = {})", self.channel(), self.null(), score(p));
         match &self.decision.outcome {
             Outcome::None => format!("No gap: {residual}."),
             Outcome::Pair(..) => {
@@ -417,7 +413,7 @@ fn interval([from, until]: [f64; 2]) -> String {
     if from.is_nan() { String::new() } else { format!(" (95 % interval {from:.4} to {until:.4})") }
 }
 
-fn probability(p: f64) -> String {
+fn score(p: f64) -> String {
     if p < 0.001 { "below 0.001".into() } else { format!("{p:.3}") }
 }
 

@@ -384,7 +384,7 @@ mod tests {
     fn what_closes_nothing_of_whole_windows_is_not_said_to_close_it() {
         let cause = |closed_alone| Cause {
             effect: "ground_friction".into(),
-            probability: 0.9,
+            score: 0.9,
             scope: vec!["region".into()],
             parameters: vec![],
             closed_alone,

@@ -79,12 +79,11 @@ pub fn render(evidence: &Evidence, decision: &Decision) -> Result<Report, GapErr
     Ok(report)
 }
 
-/// What is accused, with its probability.
+/// What is accused, with its score.
 fn causes(data: &ReportData, decision: &Decision) -> Vec<Cause> {
-    let probability =
-        |effect: &str| decision.ranking.iter().find(|r| r.effect == effect).map_or(0.0, |r| r.probability);
+    let score = |effect: &str| decision.ranking.iter().find(|r| r.effect == effect).map_or(0.0, |r| r.score);
     let accused = data.causes.iter().filter(|_| decision.accuses()).map(|data| &data.cause);
-    accused.map(|cause| Cause { probability: probability(&cause.effect), ..cause.clone() }).collect()
+    accused.map(|cause| Cause { score: score(&cause.effect), ..cause.clone() }).collect()
 }
 
 /// What a held robot without a gap is not: replicates of one joint that run away take the null with them, and say nothing of the others.

@@ -64,11 +64,7 @@ fn what_is_there_is_among_the_likeliest() {
         }
         let decision = decided(&name, &Policy::default());
         // Several can be there at once, so that they need not sum to one.
-        assert!(
-            decision.ranking.iter().all(|r| (0.0..=1.0).contains(&r.probability)),
-            "{name}: {:?}",
-            decision.ranking
-        );
+        assert!(decision.ranking.iter().all(|r| (0.0..=1.0).contains(&r.score)), "{name}: {:?}", decision.ranking);
         let likeliest = decision.ranking.iter().filter(|r| r.effect != "unknown").take(3);
         let likeliest: Vec<_> = likeliest.map(|r| r.effect.as_str()).collect();
         among += usize::from(effects.iter().all(|e| likeliest.contains(&e.as_str())));

@@ -198,11 +198,11 @@ fn numbers_that_are_none_leave_no_trace() {
     r.gap.closed = none;
     r.gap.closed_ci95 = [none; 2];
     r.gap.joint_rms = [none; 2];
-    r.causes[0].probability = none;
+    r.causes[0].score = none;
     r.causes[0].closed_alone = none;
     r.causes[0].parameters[0].ci95 = [none; 2];
     r.causes[1].parameters[0].value = f64::NEG_INFINITY;
-    r.ranking[0].probability = none;
+    r.ranking[0].score = none;
     r.place.interfaces[0].share = none;
     r.place.joints[0].share = none;
     r.place.joints[0].pos_rms = none;

@@ -33,7 +33,7 @@ fn quick() -> Options<'static> {
 
 fn of(run: &Run, options: &Options) -> Report {
     let report = diagnose(std::slice::from_ref(run), &go2(), &Terrain::plane(), options, 0).unwrap().report;
-    let total: f64 = report.ranking.iter().map(|r| r.probability).sum();
+    let total: f64 = report.ranking.iter().map(|r| r.score).sum();
     assert!((0.0..1.001).contains(&total), "{:?}", report.ranking);
     report
 }

@@ -261,14 +261,14 @@ fn causes(diagnosis: &Value) -> String {
         number(&gap["after"], 2),
         number(&gap["floor"], 2)
     );
-    let heads = ["cause", "probability", "size", "95 % interval", "closes alone"];
+    let heads = ["cause", "score", "size", "95 % interval", "closes alone"];
     let mut table = Table::new(&heads);
     for cause in list(&diagnosis["causes"]) {
         for (k, parameter) in list(&cause["parameters"]).iter().enumerate() {
             let first = |words: String| if k == 0 { words } else { String::new() };
             table.row(&[
                 first(escape(&cause["effect"].as_str().unwrap_or(DASH).replace('_', " "))),
-                first(share(&cause["probability"])),
+                first(number(&cause["score"], 2)),
                 format!(
                     "{} {} {}",
                     escape(parameter["name"].as_str().unwrap_or("")),

@@ -5,6 +5,7 @@ mod describe;
 #[cfg(test)]
 mod example;
 pub mod inputs;
+pub mod ladder;
 mod made_up;
 mod others;
 mod page;

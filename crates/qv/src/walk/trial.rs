@@ -65,13 +65,17 @@ impl TrialPolicy {
     ///
     /// # Errors
     /// When the simulator refuses a correction, or the policy gives no actions.
-    pub fn trial(&mut self, model: &Model, terrain: &Terrain, corrections: &[Correction]) -> Result<Trial, Failure> {
+    pub fn trial(
+        &mut self,
+        (model, terrain): (&Model, &Terrain),
+        corrections: &[Correction],
+    ) -> Result<Trial, Failure> {
         let nominal = self.walks(model, terrain, &[])?;
         let corrected = self.walks(model, terrain, corrections)?;
         Ok(Trial { policy: self.description.name.clone(), nominal, corrected })
     }
 
-    fn walks(
+    pub(super) fn walks(
         &mut self,
         model: &Model,
         terrain: &Terrain,
@@ -137,6 +141,16 @@ fn walked(command: [f64; 3], rolled: &RollTrace) -> TrialWalk {
         _ => None,
     };
     TrialWalk { command, fell, velocity }
+}
+
+/// Falls, and mean error of velocity \[m/s\] of walks, one without a velocity counted as standing still.
+pub(super) fn figures_of(walks: &[TrialWalk]) -> (usize, f64) {
+    let error = |w: &TrialWalk| {
+        let found = w.velocity.filter(|_| w.fell.is_none()).unwrap_or_default();
+        (found[0] - w.command[0]).hypot(found[1] - w.command[1])
+    };
+    let falls = walks.iter().filter(|w| w.fell.is_some()).count();
+    (falls, walks.iter().map(error).sum::<f64>() / walks.len().max(1) as f64)
 }
 
 fn heading(base: &[f64; 7]) -> f64 {

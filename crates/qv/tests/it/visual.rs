@@ -156,7 +156,7 @@ fn a_late_camera_is_accused_and_nothing_else_and_the_corrected_one_is_not() {
     let visual = interfaces.iter().find(|i| i["name"] == "visual").unwrap();
     assert!(visual["share"].as_f64().unwrap() > 0.9, "{interfaces:?}");
     assert_eq!(report["visual"]["causes"][0]["effect"], "camera_delay");
-    let total: f64 = report["ranking"].as_array().unwrap().iter().map(|r| r["probability"].as_f64().unwrap()).sum();
+    let total: f64 = report["ranking"].as_array().unwrap().iter().map(|r| r["score"].as_f64().unwrap()).sum();
     assert!(total < 1.001 && report["ranking"][0]["effect"] == "camera_delay", "{}", report["ranking"]);
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
     assert!(page.states("What") && page.matches("data:image/png;base64,").count() == 15);

@@ -40,10 +40,10 @@ fn report(verdict: &str, causes: &[NamedEffect], unknown: f64) -> Value {
         |(name, value): &(&str, f64)| json!({"name": name, "value": value, "ci95": [value - 0.05, value + 0.05]});
     let cause = |(effect, parameters, scope): &NamedEffect| {
         let parameters: Vec<Value> = parameters.iter().map(parameter).collect();
-        json!({"effect": effect, "probability": 0.8, "scope": [scope], "parameters": parameters})
+        json!({"effect": effect, "score": 0.8, "scope": [scope], "parameters": parameters})
     };
-    let mut ranking = vec![json!({"effect": "unknown", "probability": unknown})];
-    ranking.extend(causes.iter().map(|(effect, ..)| json!({"effect": effect, "probability": 1.0 - unknown})));
+    let mut ranking = vec![json!({"effect": "unknown", "score": unknown})];
+    ranking.extend(causes.iter().map(|(effect, ..)| json!({"effect": effect, "score": 1.0 - unknown})));
     json!({
         "format": "qv-diagnosis/1", "verdict": verdict, "timing": {"runtime_s": 12.0},
         "gap": {"closed": 0.9, "closed_ci95": [0.85, 0.93], "closed_in_fit": 0.88},

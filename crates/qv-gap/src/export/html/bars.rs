@@ -161,23 +161,23 @@ pub(super) fn ranking(ranking: &[RankedEffect], causes: &[Cause]) -> String {
     if ranking.is_empty() {
         return String::new();
     }
-    let likely = ranking.iter().take_while(|r| r.probability >= 0.005).count();
+    let likely = ranking.iter().take_while(|r| r.score >= 0.005).count();
     let shown = likely.clamp(RANKS[0], RANKS[1]).min(ranking.len());
     let mut bars = Bars::new();
     for r in &ranking[..shown] {
         let accused = causes.iter().any(|c| c.effect == r.effect);
         let name = if accused { format!("<b>{}</b>", escape(&words(&r.effect))) } else { escape(&words(&r.effect)) };
-        let bar = track(r.probability, if accused { "accent" } else { "floor" });
-        bars.row(&name, &bar, &percent(r.probability));
+        let bar = track(r.score, if accused { "accent" } else { "floor" });
+        bars.row(&name, &bar, &fixed(r.score, 2));
     }
     let mut text = format!(
-        "<h3>Candidates by probability</h3><p>Each candidate alone; several effects can be present together.</p>{}",
+        "<h3>Candidates by score</h3><p>Each candidate alone; several effects can be present together.</p>{}",
         bars.to_html()
     );
     if ranking.len() > shown {
-        let rest: f64 = ranking[shown..].iter().map(|r| r.probability).filter(|p| p.is_finite()).sum();
+        let rest: f64 = ranking[shown..].iter().map(|r| r.score).filter(|p| p.is_finite()).sum();
         let _ =
-            write!(text, "<p class=\"soft small\">{} more with {} in sum</p>", ranking.len() - shown, percent(rest));
+            write!(text, "<p class=\"soft small\">{} more with {} in sum</p>", ranking.len() - shown, fixed(rest, 2));
     }
     card(&text)
 }

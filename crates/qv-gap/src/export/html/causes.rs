@@ -1,7 +1,7 @@
 //! What is accused: each cause with its size, place, and what speaks against it.
 
 use super::bars::ranking;
-use super::words::{escape, percent, size, words};
+use super::words::{escape, fixed, percent, size, words};
 use crate::problem::library::{Effect, Scope};
 use crate::report::{Cause, Report, Verdict};
 use qv_page::parts::track;
@@ -23,18 +23,18 @@ pub(super) fn causes(report: &Report, library: &[Effect]) -> String {
     for (place, c) in report.causes.iter().enumerate() {
         text += &cause(place + 1, c, library, &certainty(report, c));
     }
-    // What passed tests at an error rate has no probability.
+    // What passed tests at an error rate has no score.
     if report.is_balanced() { text } else { text + &ranking(&report.ranking, &report.causes) }
 }
 
-/// How sure a cause is: its probability, or the rate of false alarms of the tests that it passed.
+/// How sure a cause is: its score, or the rate of false alarms of the tests that it passed.
 fn certainty(report: &Report, c: &Cause) -> String {
     if report.is_balanced() {
         let rate = percent(report.policy.held.alpha);
         return format!("<span class=\"soft\">false alarms of these tests</span> <b>{rate}</b>");
     }
-    let (bar, share) = (track(c.probability, "accent"), percent(c.probability));
-    format!("{bar}<span><b>{share}</b> <span class=\"soft\">probable</span></span>")
+    let (bar, score) = (track(c.score, "accent"), fixed(c.score, 2));
+    format!("{bar}<span><span class=\"soft\">score</span> <b>{score}</b></span>")
 }
 
 fn cause(place: usize, c: &Cause, library: &[Effect], certainty: &str) -> String {

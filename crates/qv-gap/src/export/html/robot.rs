@@ -252,7 +252,7 @@ mod tests {
     fn cause(effect: &str, scope: &[&str]) -> Cause {
         Cause {
             effect: effect.into(),
-            probability: 0.9,
+            score: 0.9,
             scope: scope.iter().map(|s| (*s).into()).collect(),
             parameters: Vec::new(),
             closed_alone: f64::NAN,

@@ -168,7 +168,7 @@ fn place() -> Where {
 fn causes() -> Vec<Cause> {
     let lag = Cause {
         effect: "actuator_lag".into(),
-        probability: 0.962,
+        score: 0.962,
         scope: vec!["all".into()],
         parameters: vec![estimate("lag", 0.010_12, [0.0096, 0.0106], "s")],
         closed_alone: 0.71,
@@ -178,7 +178,7 @@ fn causes() -> Vec<Cause> {
     };
     let patch = Cause {
         effect: "ground_friction".into(),
-        probability: 0.884,
+        score: 0.884,
         scope: vec!["patch".into()],
         parameters: vec![
             estimate("patch.friction", 0.214, [0.17, 0.26], "1"),
@@ -207,7 +207,7 @@ fn ranking() -> Vec<RankedEffect> {
         ("backlash", 0.0001),
     ]
     .into_iter()
-    .map(|(effect, probability)| RankedEffect { effect: effect.into(), probability })
+    .map(|(effect, score)| RankedEffect { effect: effect.into(), score })
     .collect()
 }
 
@@ -286,7 +286,7 @@ pub fn held() -> Report {
     let friction = |value: f64| estimate("coulomb_friction", value, [value - 0.02, value + 0.02], "N m");
     let cause = Cause {
         effect: "joint_coulomb_friction".into(),
-        probability: 0.95,
+        score: 0.95,
         scope: vec!["shoulder".into(), "elbow".into()],
         parameters: vec![friction(0.12), friction(0.08)],
         closed_alone: 0.8,
