@@ -27,5 +27,5 @@ pub mod null;
 pub mod problem;
 pub mod report;
 
-pub use diagnose::{Diagnosis, Options, Progress, can_tell, diagnose};
+pub use diagnose::{Diagnosis, Options, Progress, can_tell, diagnose, validate};
 pub use error::GapError;

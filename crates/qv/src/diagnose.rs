@@ -11,6 +11,7 @@ use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::scene::open_scene;
 use crate::terminal::print_message;
+use crate::validation;
 #[cfg(feature = "learn")]
 use crate::walk::{
     ladder::{self, ladders},
@@ -19,8 +20,9 @@ use crate::walk::{
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_camera::{EFFECTS, Footage, Look, LookOptions, Photograph, check, html, look};
 use qv_core::{GaussianCloud, JointSeries};
-use qv_gap::report::{Report, Stage, UNKNOWN};
-use qv_gap::{Diagnosis, Progress};
+use qv_gap::inference::linearised::NullOptions;
+use qv_gap::report::{Gap, Report, Stage, UNKNOWN};
+use qv_gap::{Diagnosis, Options, Progress, validate};
 use qv_open::diagnosis::{self, Request, Robot, gap_error};
 use qv_recording::{RecordingError, Run};
 use std::path::{Path, PathBuf};
@@ -54,6 +56,11 @@ pub struct Diagnose {
     /// Read recordings from before the change; their faults are not reported
     #[arg(long, value_name = "RUN", num_args = 1.., help_heading = "What to test")]
     reference: Vec<PathBuf>,
+    /// Test the corrections on other recordings of the same robot
+    ///
+    /// Writes validation.json: how much of their error the corrections remove.
+    #[arg(long, value_name = "RUN", num_args = 1.., help_heading = "What to test", hide_short_help = true)]
+    validate: Vec<PathBuf>,
     /// Add effects from a file
     #[arg(long, value_name = "FILE.toml", help_heading = "What to test")]
     library: Option<PathBuf>,
@@ -187,6 +194,14 @@ impl Diagnose {
         runs.extend(self.open(&self.reference)?);
         find_gains(&mut runs, &model, &terrain, &given)?;
         let reference = runs.split_off(count);
+        let others = self.open(&self.validate)?;
+        let on_others = Options {
+            library: effects.clone(),
+            given: given.clone(),
+            reference: reference.clone(),
+            effort: NullOptions { seed: self.seed, ground_error, ..Default::default() },
+            ..Default::default()
+        };
         let bar = Stages::new();
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
@@ -218,13 +233,20 @@ impl Diagnose {
             Some(place) => Some(self.look(place, &runs[0], &mut diagnosis, &seconds, &bar)?),
             None => None,
         };
+        let validated = if others.is_empty() {
+            None
+        } else {
+            let corrections = &diagnosis.report.corrections;
+            Some(validate(&others, &model, &terrain, &on_others, corrections).map_err(gap_error)?)
+        };
         bar.finish();
         let robot =
             Robot::new(&runs[0], model.clone(), urdf_of(&runs[0], &self.runs[0], self.reading.robot.as_deref()));
-        let sections: Vec<String> = seen
-            .iter()
-            .zip(&diagnosis.report.visual)
+        let stated = &diagnosis.report.gap;
+        let sights = seen.iter().zip(&diagnosis.report.visual);
+        let sections: Vec<String> = sights
             .map(|(look, sight)| html::section(sight, &look.pictures))
+            .chain(validated.iter().map(|other| validation::section(stated, other)))
             .collect();
         #[cfg(feature = "learn")]
         let (walks, sections) = match &mut tried {
@@ -245,11 +267,13 @@ impl Diagnose {
             put(&path, to_toml(&camera, &sight.sentence)).map_err(|e| write_error(&path, &e))?;
         }
         let report = &diagnosis.report;
+        let on_others =
+            validated.map_or_else(|| Ok(String::new()), |other| self.write_validation(&report.gap, &other))?;
         if self.json {
             let line = serde_json::to_value(report).expect("a report is plain data");
             say(&format!("{line}\n"))?;
         } else {
-            say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
+            say(&format!("{}{on_others}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
         remarks.iter().for_each(|what| remark(what));
         if !has_fragment && report.corrections_apply && !report.corrections.is_empty() {
@@ -262,6 +286,14 @@ impl Diagnose {
             print_message!("correcting the effect raises the error of held-out windows: no file applies it");
         }
         Ok(if lost.is_empty() && report.corrections_apply { Outcome::Done } else { Outcome::Partial })
+    }
+
+    /// Writes validation.json; a line for the screen.
+    fn write_validation(&self, stated: &Gap, other: &Gap) -> Result<String, RecordingError> {
+        let path = self.out.join("validation.json");
+        let text = serde_json::to_string(other).expect("a gap is plain data");
+        put(&path, text + "\n").map_err(|e| write_error(&path, &e))?;
+        Ok(validation::sentence(stated, other) + "\n")
     }
 
     fn open(&self, paths: &[PathBuf]) -> Result<Vec<Run>, RecordingError> {

@@ -58,6 +58,7 @@ mod terminal;
 #[cfg(feature = "learn")]
 mod tune;
 mod usage;
+mod validation;
 mod video;
 mod view;
 #[cfg(feature = "learn")]

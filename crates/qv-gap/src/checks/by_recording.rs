@@ -66,7 +66,7 @@ fn mean_and_error(asked: &[[f64; 2]]) -> Option<(f64, f64)> {
     (error > 0.0).then_some((mean, error))
 }
 
-/// The recording since which the size is another one; `None` where all agree within `policy.change_errors` and `policy.change_share`.
+/// The recording since which the size is another one; `None` where all agree within `policy.recording_errors` and `policy.change_share`.
 pub fn change(of: &[OfRecording], policy: &Policy) -> Option<Change> {
     let part = |some: &[OfRecording]| {
         let weight = |o: &OfRecording| (3.92 / (o.ci95[1] - o.ci95[0])).powi(2);
@@ -86,7 +86,7 @@ pub fn change(of: &[OfRecording], policy: &Policy) -> Option<Change> {
     let (found, errors) = most?;
     let [before, after] = found.values;
     let is_large = (after - before).abs() > policy.change_share * before.abs().max(after.abs());
-    (errors > policy.change_errors && is_large).then_some(found)
+    (errors > policy.recording_errors && is_large).then_some(found)
 }
 
 #[cfg(test)]

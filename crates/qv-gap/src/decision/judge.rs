@@ -161,6 +161,15 @@ impl<'j> Judge<'j> {
         if policy.closes_actuator_residual(held_out.actuator_residual) {
             return None;
         }
+        // No contact hides a gap of a robot that is held: where there is hardly one, its cause closes it.
+        let is_slight = !self.is_free && self.policy.is_faultless(&self.round.level, false);
+        if is_slight && self.round.is_first && held_out.closed < policy.least_share {
+            return Some(Objection::LittleClosed(held_out.closed));
+        }
+        let asked_for = held_out.log_evidence.is_some_and(|e| e > policy.held_windows.sure_held_out);
+        if !self.is_free && self.round.is_first && candidate.extent.is_none() && asked_for {
+            return None;
+        }
         // Tolerated deviations can take most of a small effect upon them in the windows of the fit: what it closes elsewhere counts, too.
         if candidate.share.max(held_out.closed) < policy.least_share {
             return Some(Objection::LittleClosed(candidate.share.max(held_out.closed)));

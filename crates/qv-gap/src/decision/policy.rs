@@ -36,18 +36,18 @@ pub struct Policy {
     pub evidence_left: f64,
     /// and as a share of that of the accused one: no large effect is simulated to the last digit.
     pub evidence_share: f64,
-    /// Standard errors by which the accused value changes with speed, load, time or recording,
+    /// Standard errors by which the accused value changes with speed, load or time,
     pub change_errors: f64,
+    /// or between two parts of several recordings, the largest of all ways to part them,
+    pub recording_errors: f64,
     /// and as a share of it, from which on it is not one value.
     pub change_share: f64,
     /// How far from the vertical a weight may seem to pull (cosine of 30 degrees).
     pub vertical: f64,
     /// Candidates that are judged in a round, the best first.
     pub most_judged: usize,
-    /// Most causes that are accused.
+    /// Most causes that are accused, in one round more at most: several events may come in each.
     pub most_causes: usize,
-    /// Most rounds, in each of which there may be several events.
-    pub most_rounds: usize,
     /// Nats in which evidence counts one step in the ranking: an odds ratio beyond any doubt about the model itself means nothing.
     pub nats: f64,
 
@@ -69,6 +69,8 @@ pub struct HeldWindows {
     pub least_event_evidence: f64,
     /// Shortest event \[s\].
     pub least_event: f64,
+    /// Log evidence in windows that no fit has seen from which on a cause need not lower what is left there without tolerated deviations.
+    pub sure_held_out: f64,
     /// Loss over that of the null up to which there is no gap.
     pub no_gap: f64,
     /// Share of the held-out gap from which on a cause is reported though its value lies just within the edge of its range, or much is left.
@@ -85,6 +87,7 @@ impl Default for HeldWindows {
             least_evidence: 12.0,
             least_event_evidence: 20.0,
             least_event: 0.05,
+            sure_held_out: 5.0,
             no_gap: 1.45,
             mostly_closed: 0.8,
             quiet_enough: 4.0,
@@ -151,11 +154,11 @@ impl Default for Policy {
             evidence_left: 80.0,
             evidence_share: 0.01,
             change_errors: 2.0,
+            recording_errors: 3.0,
             change_share: 0.05,
             vertical: 0.866,
             most_judged: 4,
             most_causes: 3,
-            most_rounds: 4,
             nats: 10.0,
             held: qv_held::Policy::default(),
             held_windows: HeldWindows::default(),

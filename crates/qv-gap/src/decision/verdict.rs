@@ -70,7 +70,7 @@ fn path(evidence: &Evidence, policy: &Policy) -> Option<usize> {
         effects.sort_unstable();
         effects.dedup();
         let goes_on = round.after.as_ref().is_some_and(|after| {
-            let is_full = effects.len() >= policy.most_causes || k + 1 >= policy.most_rounds;
+            let is_full = effects.len() >= policy.most_causes || k >= policy.most_causes;
             !is_full && is_much_left(policy, &after.level, after.held_out, evidence.is_free)
         });
         if goes_on != (k + 1 < evidence.rounds.len()) {

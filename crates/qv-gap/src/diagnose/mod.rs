@@ -16,10 +16,10 @@ use rounds::RoundResult;
 
 use crate::GapError;
 use crate::checks::by_recording::by_recording;
-use crate::checks::held_out::{closure, held_out_loss};
+use crate::checks::held_out::{closure, closure_everywhere, held_out_loss};
 use crate::decision::evidence::{After, Evidence, Level};
 use crate::decision::is_much_left;
-use crate::findings::{CanTell, Cause, Correction, Stage, UNKNOWN, Where};
+use crate::findings::{CanTell, Cause, Correction, Gap, Stage, UNKNOWN, Where};
 use crate::inference::intervals::estimates;
 use crate::inference::level::{level, level_outside};
 use crate::inference::linearised::LinearisedProblem;
@@ -131,6 +131,25 @@ pub fn diagnose(
 /// As [`diagnose`].
 pub fn can_tell(runs: &[Run], model: &Model, terrain: &Terrain, options: &Options) -> Result<Vec<CanTell>, GapError> {
     study(runs, model, terrain, options, |nominal| can_tell::can_tell(nominal, &options.policy))
+}
+
+/// How much of the gap of other recordings of the same robot `corrections` close: in all of their windows, none of which a fit has seen.
+///
+/// # Errors
+/// As [`diagnose`]; or where the simulator refuses a correction.
+pub fn validate(
+    runs: &[Run],
+    model: &Model,
+    terrain: &Terrain,
+    options: &Options,
+    corrections: &[Correction],
+) -> Result<Gap, GapError> {
+    let PreparedRuns { usable, reference, cannot_tell, .. } = prepared(runs, terrain, options)?;
+    let mut session = Session::new(usable, &reference, (model, terrain), options, 0);
+    let mut nominal = session.nominal(&cannot_tell)?;
+    let setting = setting(&nominal, corrections);
+    let closure = closure_everywhere(&mut nominal, &setting)?;
+    Ok(closure.gap(&nominal, options.effort.seed))
 }
 
 /// Shows `look` the study of `runs` and of the robot of which nothing is said yet.
@@ -366,7 +385,7 @@ impl<'a> Session<'a> {
             let after = After { level, held_out: [held_out_loss(&next), next.floor] };
             findings.rounds[number].round.after = Some(after);
             let policy = &self.options.policy;
-            let full = findings.effects().len() >= policy.most_causes || findings.rounds.len() >= policy.most_rounds;
+            let full = findings.effects().len() >= policy.most_causes || findings.rounds.len() > policy.most_causes;
             if full || !is_much_left(policy, &level, after.held_out, is_free) {
                 findings.later = Some(next);
                 return Ok(findings);

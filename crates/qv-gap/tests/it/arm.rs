@@ -244,6 +244,7 @@ fn unknown_gains_are_found_and_no_cause() {
     let report = of(&[with_gains(&payload, 22)], Vec::new());
     let named = report.ranking.iter().find(|r| r.effect.starts_with("motor_gain"));
     assert!(named.is_none(), "{named:?}");
-    let cause = report.causes.first().unwrap_or_else(|| panic!("{} {:?}", report.sentence, report.leads));
+    let cause =
+        report.causes.first().unwrap_or_else(|| panic!("{} {:?} {:?}", report.sentence, report.leads, report.next));
     assert!(cause.effect.starts_with("payload"), "{}", report.sentence);
 }

@@ -155,8 +155,8 @@ fn a_cause_that_only_imitates_another_is_doubted() {
     assert_eq!(report.verdict, Verdict::Unexplained, "{}", report.sentence);
     assert_eq!(report.ranking[0].effect, UNKNOWN);
     assert!(report.causes.is_empty() && report.corrections.is_empty());
-    // By what the law leaves, or by the lag that is asked for beside the gain.
-    let reports = |line: &String| line.states("RL") || line.states("actuator");
+    // A gain that stands for a lag changes with speed; or the lag is asked for beside it.
+    let reports = |line: &String| line.states("changes speed") || line.states("actuator");
     let doubted = report.next.iter().any(|line| line.starts_with("Not identified: motor_gain_kd") && reports(line));
     assert!(doubted, "{:?}", report.next);
 }

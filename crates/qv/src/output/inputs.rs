@@ -32,6 +32,7 @@ const WRITTEN: [(&str, &[&str]); 13] = [
             "isaac_lab_actuators.py",
             "evidence.json",
             "policy.json",
+            "validation.json",
             "without",
         ],
     ),

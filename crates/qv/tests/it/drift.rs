@@ -1,6 +1,7 @@
 //! `qv drift` on an arm of one joint: calibrated, the same on another day, and with a motor that answers late.
 
 use crate::bags::{directory, qv};
+use crate::facts::States;
 use qv_core::random::SplitMix64;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, Terrain};
 use serde_json::Value;
@@ -85,4 +86,21 @@ fn a_changed_arm_is_reported_and_an_unchanged_one_is_not() {
     record(&folder.join("monday"), 0.004, 9, 1.0);
     let (code, _, err) = drift(&at("tuesday"));
     assert!(code == 1 && err.contains("another file") && err.contains("--reference"), "{code}: {err}");
+}
+
+#[test]
+fn corrections_are_tested_on_another_recording() {
+    let folder = directory("validated");
+    let at = |name: &str| folder.join(name).to_str().unwrap().to_string();
+    record(&folder.join("slow"), 0.012, 7, 1.0);
+    record(&folder.join("again"), 0.012, 8, 0.7);
+    let (code, text, err) = qv(&["diagnose", &at("slow"), "--validate", &at("again"), "--out", &at("why"), "--quiet"]);
+    assert_eq!(code, 0, "{err}");
+    let read = |name: &str| -> Value {
+        serde_json::from_str(&fs::read_to_string(folder.join("why").join(name)).unwrap()).unwrap()
+    };
+    let (report, other) = (read("report.json"), read("validation.json"));
+    let closed = |gap: &Value| gap["closed"].as_f64().unwrap();
+    assert!(closed(&report["gap"]) > 0.8 && closed(&other) > 0.8, "{} {other}", report["sentence"]);
+    assert!(text.states("Other recordings"), "{text}");
 }
