@@ -18,6 +18,7 @@ pub mod features;
 mod feet;
 pub mod law;
 mod legs;
+pub mod noise;
 mod options;
 mod parameters;
 mod place;

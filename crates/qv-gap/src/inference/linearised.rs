@@ -15,7 +15,8 @@ use qv_fit::linear::{
 use qv_recording::Run;
 use qv_rollout::Trace;
 use qv_rollout::law::{self, Reading};
-use qv_rollout::replicate::{Noise, Replicate, record};
+use qv_rollout::noise::Noise;
+use qv_rollout::replicate::{Replicate, record};
 use qv_rollout::{Numerics, Overrides, Rollout, Window};
 use qv_rollout::{Raw, Residuals, TracedResiduals, compare, compare_and_trace, joint_lags};
 use rayon::prelude::*;

@@ -9,7 +9,7 @@ use qv_core::statistics::median;
 use qv_recording::Run;
 use qv_recording::run::{Commands, Measurements};
 use qv_rollout::Numerics;
-use qv_rollout::replicate::{Noise, read};
+use qv_rollout::noise::{Noise, read};
 use qv_rollout::{expand, stated_parameters};
 use qv_sim::{BaseKind, Batch, JointCommand, Model, SensorReading, Shape, State, Terrain};
 

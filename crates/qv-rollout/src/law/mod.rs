@@ -10,10 +10,9 @@ mod state_noise;
 
 pub use align::align;
 pub use past::{lagged, leads, slope};
-pub use state_noise::state_noise;
+pub use state_noise::{Reading, state_noise};
 
 use crate::parameters::Overrides;
-use crate::replicate::Noise;
 use crate::robot::Rollout;
 use crate::window::{Start, Window};
 use qv_core::JointSeries;
@@ -239,22 +238,6 @@ pub struct Alignment {
     pub command: f64,
     /// A torque at `t` follows the state at `t - state` \[s\].
     pub state: f64,
-}
-
-/// How the laws of a run are read: its alignment, and the noise that their sums of squares are corrected by; `None` where nothing is corrected.
-#[derive(Debug, Clone, Copy)]
-pub struct Reading<'a> {
-    /// How stamps lie.
-    pub alignment: Alignment,
-    /// Noise of the run.
-    pub noise: Option<&'a Noise>,
-}
-
-impl Reading<'_> {
-    /// [`state_noise`] of a law; 0 where nothing is corrected.
-    pub fn left_by_noise(&self, rollout: &Rollout, window: &Window, law: &ActuatorModel) -> f64 {
-        self.noise.map_or(0.0, |noise| state_noise(rollout, window, law, self.alignment, noise))
-    }
 }
 
 /// Measured minus expected torque in each bin, one joint after the other, shape `[law joints, bins]` \[N m\].

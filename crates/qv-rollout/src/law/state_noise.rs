@@ -5,7 +5,7 @@
 //! any setting (corrected scores: Nakamura, Biometrika 77, 1990).
 
 use super::{ActuatorModel, Alignment, Channels, RowInterpolation, bins};
-use crate::replicate::Noise;
+use crate::noise::Noise;
 use crate::robot::Rollout;
 use crate::window::Window;
 use qv_sim::lag_gain;
@@ -14,6 +14,22 @@ use qv_sim::lag_gain;
 const FORGOTTEN: f64 = 1e-4;
 /// Most ticks of that past.
 const LONGEST: usize = 200;
+
+/// How the laws of a run are read: its alignment, and the noise that their sums of squares are corrected by; `None` where nothing is corrected.
+#[derive(Debug, Clone, Copy)]
+pub struct Reading<'a> {
+    /// How stamps lie.
+    pub alignment: Alignment,
+    /// Noise of the run.
+    pub noise: Option<&'a Noise>,
+}
+
+impl Reading<'_> {
+    /// [`state_noise`] of a law; 0 where nothing is corrected.
+    pub fn left_by_noise(&self, rollout: &Rollout, window: &Window, law: &ActuatorModel) -> f64 {
+        self.noise.map_or(0.0, |noise| state_noise(rollout, window, law, self.alignment, noise))
+    }
+}
 
 /// Sum over the bins of a window of the variance that noise of positions and speeds alone leaves in the expected torque of one joint \[N² m²\];
 /// 0 where nothing was measured. Gains are taken to be those of the middle of the window.
