@@ -2,7 +2,7 @@
 //!
 //! `decide EVIDENCE OUT [POLICY.toml]` reads `EVIDENCE/NAME/evidence.json` (and `EVIDENCE/NAME/without/EFFECT/evidence.json`) and writes
 //! `OUT/NAME/report.json` with verdict, causes and ranking. A recording that the policy would have led to other simulations
-//! gets no report. Prints a line of JSON: how many were decided, and how many not.
+//! gets no report. Prints a line of JSON: how many were decided, how many not, and the policy.
 
 use qv_gap::decision::evidence::Evidence;
 use qv_gap::decision::{Decision, Policy, decide};
@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             one(&effect.path(), &own.join("without").join(effect.file_name()), &policy)?;
         }
     }
-    println!("{}", json!({ "decided": counts[0], "parted": counts[1] }));
+    println!("{}", json!({ "decided": counts[0], "parted": counts[1], "policy": policy }));
     Ok(())
 }
 
