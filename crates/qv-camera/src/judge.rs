@@ -48,7 +48,7 @@ pub const EFFECTS: [CameraEffect; 5] = [
         unit: "s",
         of: DELAY..DELAY + 1,
         range: [-0.2, 0.3],
-        experiment: "turn on the spot to and fro at two speeds: a delay moves the picture by the speed, a mounting does not",
+        experiment: "turn on the spot back and forth at two speeds: a delay moves the picture by the speed, a mounting does not",
     },
     CameraEffect {
         name: "camera_extrinsics",

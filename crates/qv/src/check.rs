@@ -64,14 +64,18 @@ impl Check {
                 }
                 Err(error) => {
                     failed += 1;
-                    print_message!("{error}");
+                    print_message!("{}", crate::failure::message(&error.to_string(), "check"));
                 }
             }
         }
         match failed {
             0 if partial => Ok(Outcome::Partial),
             0 => Ok(Outcome::Done),
-            _ => Err(format!("{failed} of {} files are nothing that qv reads", self.files.len()).into()),
+            _ => Err(format!(
+                "files: expected {} that qv reads, found {failed} that it does not (above)",
+                self.files.len()
+            )
+            .into()),
         }
     }
 }

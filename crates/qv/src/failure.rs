@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 /// Longest place that stands between quotes \[characters\]; longer ones are sentences.
 const PLACE: usize = 160;
 /// What systems say of files, and how it is worded.
-const SYSTEM: [(&str, &str, &str); 8] = [
+const SYSTEM: [(&str, &str, &str); 9] = [
+    ("File exists", "create", "a file has this name"),
     ("No such file or directory", "open", "no such file or folder"),
     ("no such file", "open", "no such file"),
     ("Permission denied", "open", "permission denied"),
@@ -105,7 +106,9 @@ fn hint_for_file(place: &str, reason: &str) -> Option<String> {
     if let Some(near) = near(Path::new(place)) {
         return Some(format!("did you mean '{}'?", near.display()));
     }
-    expected.map(|expected| format!("expected {expected}"))
+    // What a program that is missing needs stands behind what the system says.
+    let advice = reason.split_once("; ").map(|(_, advice)| advice.to_owned());
+    advice.or_else(|| expected.map(|expected| format!("expected {expected}")))
 }
 
 /// The file beside a missing one whose name differs from it by a slip of the fingers.

@@ -101,13 +101,13 @@ fn answers(report: &Report) -> Vec<(&'static str, String)> {
     let sure = if report.is_balanced() {
         format!("tests with {} false alarms", percent(report.policy.held.alpha))
     } else {
-        format!("score {} (orders candidates, 0 to 1)", fixed(cause.score, 2))
+        format!("{} (orders candidates, 0 to 1; no probability)", fixed(cause.score, 2))
     };
     vec![
         ("Cause", format!("<b>{}</b>", escape(&words(&cause.effect)))),
         (if has_interval { "Size (95 % interval)" } else { "Size" }, sizes.join("<br>")),
         ("Removes, of the held-out excess error", removes),
-        ("Certainty", sure),
+        (if report.is_balanced() { "Certainty" } else { "Score" }, sure),
         ("Next step", next),
     ]
 }

@@ -127,12 +127,12 @@ pub fn motions(run: &Run, limits: &Limits) -> Vec<Motion> {
     let size = |j: usize, speed_per_size: f64| limits.swing(j).min(0.8 * limits.speed[j] / speed_per_size);
     let turn = std::f64::consts::TAU;
     let mut all = vec![
-        make("slow_sweep", "each joint slowly to and fro, one after the other", &|j, t| {
+        make("slow_sweep", "each joint slowly back and forth, one after the other", &|j, t| {
             let own = (SECONDS - 2.0 * STILL) / joints as f64;
             let phase = (t - j as f64 * own) / own;
             if (0.0..1.0).contains(&phase) { size(j, turn / own) * (turn * phase).sin() } else { 0.0 }
         }),
-        make("slow_together", "all joints slowly to and fro, each at its own rate", &|j, t| {
+        make("slow_together", "all joints slowly back and forth, each at its own rate", &|j, t| {
             let rate = turn * (0.12 + 0.05 * (j % 4) as f64);
             size(j, rate) * (rate * t + 0.7 * j as f64).sin()
         }),

@@ -398,13 +398,13 @@ impl Page<'_> {
             }
             Outcome::Unexplained => {
                 "Record two more references of the robot as it should be, on other days, since tests become sharper with each: \
-                 `qv diagnose RUN --reference OLD_1 OLD_2 ... --out out/why`."
+                 `qv diagnose RUN --reference OLD_1 OLD_2 ... --out again`."
                     .into()
             }
             _ if gap.after > gap.before => {
                 "Do not use the correction: it raises the held-out error. Record again with faster motions, and repeat `qv diagnose`.".into()
             }
-            _ => "Check the correction on another recording: `qv replay NEW_RUN --params out/why/calibrated.toml --out out/replay`.".into(),
+            _ => "Check the correction on another recording: `qv replay NEW_RUN --params calibrated.toml --out replay`.".into(),
         }
     }
 }

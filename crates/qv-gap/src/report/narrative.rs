@@ -338,7 +338,7 @@ pub fn next(
                     gap.after, gap.before
                 )
             } else {
-                "Use calibrated.toml, or the corrections for MuJoCo, URDF and Isaac Lab beside it: `qv replay NEW_RUN --params out/why/calibrated.toml --out out/replay`.".into()
+                "Use calibrated.toml, or the corrections for MuJoCo, URDF and Isaac Lab beside it: `qv replay NEW_RUN --params calibrated.toml --out replay`.".into()
             });
             next.extend(data.causes.iter().filter_map(beyond_feet));
             next.push(once_more(verdict, causes).into());

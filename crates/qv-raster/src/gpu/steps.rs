@@ -112,7 +112,7 @@ impl<'a> FrameSteps<'a> {
         vec![self.step("project", "project", self.indirect(dispatch::BY_VISIBLE), buffers)]
     }
 
-    /// One pass for each digit; keys and payloads go to and fro between two buffers, the first payloads are `[3]` where given.
+    /// One pass for each digit; keys and payloads go back and forth between two buffers, the first payloads are `[3]` where given.
     fn sort(
         &self,
         passes: &'a [wgpu::Buffer],

@@ -3,7 +3,7 @@
 use super::analysis::Finding;
 use crate::run::Run;
 
-/// Messages that are looked at, at least, and the share of them that must go to and fro.
+/// Messages that are looked at, at least, and the share of them that must go back and forth.
 const LEAST: usize = 100;
 const OFTEN: f64 = 0.3;
 /// A jump between two writers \[rad\].
@@ -27,7 +27,7 @@ pub(super) fn several(run: &Run) -> Option<Finding> {
     Some(Finding {
         channel: "commands".into(),
         what: format!(
-            "they jump to and fro between two values in {:.0} % of the messages, most at {name}: two programs write to one topic, such as a \
+            "they jump back and forth between two values in {:.0} % of the messages, most at {name}: two programs write to one topic, such as a \
              built-in controller that was not released",
             100.0 * share
         ),

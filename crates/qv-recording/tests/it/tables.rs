@@ -212,7 +212,7 @@ fn what_a_table_lacks_is_told() {
     assert!(read(&plain, TOML).faults.iter().all(|f| f.kind != FaultKind::Sparse));
 }
 
-/// A trunk that rolls to and fro, upright on average, and turns; the IMU turned by `mount` in its channels.
+/// A trunk that rolls back and forth, upright on average, and turns; the IMU turned by `mount` in its channels.
 fn walk(mount: glam::DQuat, quaternion_scale: f64) -> String {
     use glam::{DQuat, DVec3};
     let mut text = String::from(

@@ -238,7 +238,7 @@ mod tests {
             candidates: vec![candidate("as it was", 0.02), candidate(nasty, 0.01)],
             calibrated: 0,
             chosen: Some(1),
-            why: "It strays least.".into(),
+            why: "It has the least path error.".into(),
             before: score(0.4),
             after: score(0.2),
             control: Some(score(0.39)),

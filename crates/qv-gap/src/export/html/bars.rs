@@ -88,6 +88,7 @@ fn fall(before: f64, after: f64) -> f64 {
 fn falls(gap: &Gap) -> String {
     let [before, after] = gap.joint_rms;
     let (score, joints) = (fall(gap.before, gap.after), fall(before * before, after * after));
+    let rms = fall(before, after);
     // The camera's gap has another unit, and joints have no part in it.
     if !(score.is_finite() && joints.is_finite()) || gap.closed_in_fit.is_none() {
         return String::new();
@@ -103,7 +104,7 @@ fn falls(gap: &Gap) -> String {
         falls(score),
         significant(gap.before, 3),
         significant(gap.after, 3),
-        falls(joints),
+        falls(rms),
         mrad(gap.joint_rms)
     );
     if (score - joints).abs() > CONTRADICTS {
