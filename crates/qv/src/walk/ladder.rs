@@ -228,7 +228,7 @@ mod tests {
             share: Some(1.0),
         };
         let all = [ladder];
-        assert!(sentences(&all)[0].states("0.01 0.02 100"), "{:?}", sentences(&all));
+        assert!(sentences(&all)[0].states("0.0100 0.0200 100"), "{:?}", sentences(&all));
         let walk = TrialWalk { command: [0.5, 0.0, 0.0], fell: None, velocity: None };
         let trial = Trial { policy: "trot".into(), nominal: vec![walk; 6], corrected: Vec::new() };
         assert!(section(&all, &trial).states("falls 4 of 6") && section(&[], &trial).is_empty());
