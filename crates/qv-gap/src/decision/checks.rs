@@ -21,7 +21,7 @@ pub struct Checks<'c> {
 impl Checks<'_> {
     /// Why what is accused does not explain the recording; `None` if nothing speaks against it.
     pub fn doubt(&self) -> Option<Doubt> {
-        self.fading().or_else(|| self.weight()).or_else(|| self.changing()).or_else(|| self.another())
+        self.pulled().or_else(|| self.fading()).or_else(|| self.changing()).or_else(|| self.another())
     }
 
     /// What is accused, as it was found.
@@ -38,6 +38,14 @@ impl Checks<'_> {
         self.evidence.effect(effect).map(|e| e.acts_on)
     }
 
+    /// Forces of their own in several long pieces are one that changes: a cable, or wind.
+    fn pulled(&self) -> Option<Doubt> {
+        let events: Vec<[f64; 2]> = self.accused().filter_map(|(_, c)| c.time()).collect();
+        let together: f64 = events.iter().map(|t| t[1] - t[0]).sum();
+        let pieces = events.len();
+        (pieces > 1 && together > self.policy.longest_pushes).then_some(Doubt::Pulled(pieces, together))
+    }
+
     /// A push that grows or fades is none: a cable, which pulls the harder the farther the robot goes.
     fn fading(&self) -> Option<Doubt> {
         // Whatever else is accused is there in the robot without it, too.
@@ -49,19 +57,6 @@ impl Checks<'_> {
         let all = self.accused().filter_map(|(a, _)| a.fading.as_ref()).filter(fades);
         let most = all.max_by(|a, b| a.errors.abs().total_cmp(&b.errors.abs()))?;
         Some(Doubt::Fading([most.change.abs(), most.errors.abs()]))
-    }
-
-    /// A steady force that is all but vertical is what something weighs, where no mass is known that was asked, too.
-    fn weight(&self) -> Option<Doubt> {
-        if self.evidence.effects.iter().any(|e| e.is_payload && e.is_known) {
-            return None;
-        }
-        let upwards = |(a, c): (&IdentifiedCause, &Candidate)| {
-            let up = self.evidence.effect(&c.effect)?.upwards?;
-            let length = a.values.iter().map(|v| v * v).sum::<f64>().sqrt();
-            (c.extent.is_none() && a.values[up].abs() > self.policy.vertical * length).then_some(a.values[up])
-        };
-        self.accused().find_map(upwards).map(Doubt::Weight)
     }
 
     /// What is accused of joints and is no one size.

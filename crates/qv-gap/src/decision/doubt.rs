@@ -57,10 +57,10 @@ impl fmt::Display for Objection {
 /// Why what was accused does not explain the recording all the same.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Doubt {
+    /// So many pieces of so many seconds together are no pushes.
+    Pulled(usize, f64),
     /// A push that changes by this share while it lasts, by so many standard errors.
     Fading([f64; 2]),
-    /// A steady vertical force \[N\], upwards.
-    Weight(f64),
     /// What the size changes with, and by how many standard errors.
     Changing(String, f64),
     /// Another steady effect of the accused joints and its log evidence.
@@ -71,16 +71,13 @@ impl fmt::Display for Doubt {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let words = |effect: &str| effect.replace('_', " ");
         match self {
+            Self::Pulled(pieces, seconds) => write!(
+                f,
+                "{pieces} pieces of {seconds:.1} s together are no pushes: something pulls that changes with place or time"
+            ),
             Self::Fading([share, errors]) => {
                 let share = 100.0 * share;
                 write!(f, "it is no push: it changes by {share:.0} % while it lasts, by {errors:.1} standard errors")
-            }
-            Self::Weight(newton) => {
-                let (size, way) = (newton.abs(), if *newton < 0.0 { "down" } else { "up" });
-                write!(
-                    f,
-                    "a force of {size:.0} N straight {way} at all times is a weight, of which the library has none"
-                )
             }
             Self::Changing(on, errors) => {
                 write!(f, "it has no one size: it changes with {on}, by {errors:.1} standard errors")

@@ -42,8 +42,8 @@ pub struct Policy {
     pub recording_errors: f64,
     /// and as a share of it, from which on it is not one value.
     pub change_share: f64,
-    /// How far from the vertical a weight may seem to pull (cosine of 30 degrees).
-    pub vertical: f64,
+    /// Time for which several pushes may last together \[s\]: a cable pulls longer.
+    pub longest_pushes: f64,
     /// Candidates that are judged in a round, the best first.
     pub most_judged: usize,
     /// Most causes that are accused, in one round more at most: several events may come in each.
@@ -156,7 +156,7 @@ impl Default for Policy {
             change_errors: 2.0,
             recording_errors: 3.0,
             change_share: 0.05,
-            vertical: 0.866,
+            longest_pushes: 3.0,
             most_judged: 4,
             most_causes: 3,
             nats: 10.0,

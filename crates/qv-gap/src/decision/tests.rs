@@ -224,6 +224,24 @@ fn a_size_that_changes_is_not_one_value() {
 }
 
 #[test]
+fn a_cable_is_no_row_of_pushes() {
+    let doubt = |times: &[[f64; 2]]| {
+        let mut evidence = latency();
+        let events =
+            times.iter().map(|&t| Candidate { extent: Some(Extent::Time(t)), ..candidate("external_push", 900.0) });
+        evidence.rounds[0].candidates = events.collect();
+        evidence.rounds[0].accused = (0..times.len()).collect();
+        let one = evidence.corrected.as_ref().unwrap().accused[0].clone();
+        let all = (0..times.len()).map(|candidate| IdentifiedCause { candidate, ..one.clone() });
+        evidence.corrected.as_mut().unwrap().accused = all.collect();
+        decided(&evidence, &Policy::default()).doubt
+    };
+    assert_eq!(doubt(&[[1.0, 9.0]]), None);
+    assert_eq!(doubt(&[[1.0, 1.6], [4.0, 5.2]]), None);
+    assert!(doubt(&[[8.6, 13.0], [13.2, 19.9]]).unwrap().to_string().states("11.1 11.1"));
+}
+
+#[test]
 fn nothing_steady_is_accused_of_an_arm_that_is_nearer_than_the_null() {
     let arm = |ratio: f64, extent: Option<Extent>| {
         let mut evidence = latency();
