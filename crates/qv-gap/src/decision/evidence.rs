@@ -36,10 +36,6 @@ pub struct EffectFacts {
     pub name: String,
     /// On what it acts.
     pub acts_on: ActsOn,
-    /// Whether it is a mass that is carried.
-    pub is_payload: bool,
-    /// Which of its values is a force upwards.
-    pub upwards: Option<usize>,
     /// Whether it could be accused; one that is withheld could not.
     pub is_known: bool,
     /// Interface that it belongs to.

@@ -41,8 +41,6 @@ fn facts(name: &str) -> EffectFacts {
     EffectFacts {
         name: name.into(),
         acts_on: ActsOn::Joints,
-        is_payload: false,
-        upwards: None,
         is_known: true,
         interface: "actuator".into(),
         experiment: String::new(),

@@ -83,7 +83,6 @@ impl Findings<'_> {
 
 /// What decisions may ask of an effect of the library.
 fn facts(effect: &Effect, is_known: bool) -> EffectFacts {
-    let moves = || effect.axes.iter().flat_map(|a| a.moves.keys());
     EffectFacts {
         name: effect.name.clone(),
         acts_on: match effect.scope {
@@ -91,8 +90,6 @@ fn facts(effect: &Effect, is_known: bool) -> EffectFacts {
             Scope::Links => ActsOn::Links,
             _ => ActsOn::Other,
         },
-        is_payload: moves().any(|m| m.ends_with(".payload_mass")),
-        upwards: effect.axes.iter().position(|a| a.moves.contains_key("external.force_z")),
         is_known,
         interface: effect.interface.name().into(),
         experiment: effect.experiment.clone(),

@@ -105,8 +105,6 @@ fn facts(effect: &Effect, without: &[String]) -> EffectFacts {
     EffectFacts {
         name: effect.name.clone(),
         acts_on: ActsOn::Other,
-        is_payload: false,
-        upwards: None,
         is_known: !without.contains(&effect.name),
         interface: effect.interface.name().into(),
         experiment: effect.experiment.clone(),
