@@ -78,7 +78,8 @@ fn one(
         effects: options.library.iter().map(|e| facts(e, without)).collect(),
         level: Level {
             ratio: held.loss / held.reference_loss(),
-            quiet: f64::NAN,
+            strain: f64::NAN,
+            largest: f64::NAN,
             null: held.reference_loss(),
             count: f64::NAN,
         },

@@ -9,9 +9,6 @@ use crate::inference::regions::place;
 use crate::inference::search::fitted;
 use qv_fit::linear::squared;
 
-/// Share of the windows that are the quieter ones.
-const QUIETER: f64 = 0.75;
-
 /// The level of a study.
 ///
 /// # Errors
@@ -38,27 +35,33 @@ pub(crate) fn level_outside(study: &LinearisedProblem, regions: &[[f64; 4]]) -> 
     let marginal = study.marginal(fitted)?;
     let of = |sums: &Sums| marginal.loss(sums) / sums.count.max(1.0);
     let all: Vec<usize> = (0..study.seen.len()).collect();
-    let nulls: Vec<f64> =
-        study.replicates.iter().map(|g| of(&study.sums(g, &all, fitted))).filter(|x| x.is_finite()).collect();
-    let null = nulls.iter().sum::<f64>() / nulls.len().max(1) as f64;
+    let replicates: Vec<Sums> = study.replicates.iter().map(|g| study.sums(g, &all, fitted)).collect();
+    let mean_of =
+        |f: &dyn Fn(&Sums) -> f64| mean(&replicates.iter().map(f).filter(|x| x.is_finite()).collect::<Vec<_>>());
+    let null = mean_of(&of);
     let sums = study.nominal(fitted);
-    let ratio = of(&sums) / null;
-    // One that is held has no feet.
-    let quiet = if study.rollout.free { quiet(study, &marginal, fitted) } else { ratio };
-    Ok(Level { ratio, quiet, null, count: sums.count })
+    let strain = |sums: &Sums| strain(study, &marginal, sums);
+    let largest = |sums: &Sums| largest(study, &marginal, sums);
+    Ok(Level {
+        ratio: of(&sums) / null,
+        strain: strain(&sums) / mean_of(&strain),
+        largest: largest(&sums) / mean_of(&largest),
+        null,
+        count: sums.count,
+    })
 }
 
-/// Loss per number in the quieter windows, deviations at their best in all, over that of the null in its own.
-fn quiet(study: &LinearisedProblem, marginal: &Marginal, weight: impl Fn(&LinearisedWindow) -> f64 + Copy) -> f64 {
-    let of = |residuals: &[Option<&Vec<f64>>]| {
-        let left = study.without_deviations(marginal, residuals, weight);
-        let mut losses: Vec<f64> = left.iter().flatten().map(|r| squared(r) / r.len() as f64).collect();
-        losses.sort_by(f64::total_cmp);
-        losses.truncate((QUIETER * losses.len() as f64).ceil() as usize);
-        mean(&losses)
-    };
-    let null: Vec<f64> = study.residuals_of_replicates().map(|g| of(&g)).filter(|x| x.is_finite()).collect();
-    of(&study.residuals()) / mean(&null)
+/// What tolerated deviations cost at their best: their squares in tolerances, summed.
+fn strain(study: &LinearisedProblem, marginal: &Marginal, sums: &Sums) -> f64 {
+    let best = marginal.deviations(sums);
+    best.iter().zip(&study.tolerance).map(|(deviation, tolerance)| (deviation / tolerance).powi(2)).sum()
+}
+
+/// The largest of them \[tolerances\].
+fn largest(study: &LinearisedProblem, marginal: &Marginal, sums: &Sums) -> f64 {
+    let best = marginal.deviations(sums);
+    let each = best.iter().zip(&study.tolerance).map(|(deviation, tolerance)| (deviation / tolerance).abs());
+    each.fold(0.0, f64::max)
 }
 
 /// Mean; 0 of nothing.

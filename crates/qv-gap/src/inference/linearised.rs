@@ -9,9 +9,7 @@ use crate::problem::columns::{Column, Columns, Group};
 use crate::problem::excitation::{at_rest, is_unshown};
 use qv_core::random::SplitMix64;
 use qv_fit::Matrix;
-use qv_fit::linear::{
-    add_scaled_matrix, from_columns, gram, minus, squared, times, transposed_product, transposed_times,
-};
+use qv_fit::linear::{add_scaled_matrix, from_columns, gram, squared, transposed_product, transposed_times};
 use qv_recording::Run;
 use qv_rollout::Trace;
 use qv_rollout::law::{self, Reading};
@@ -411,34 +409,6 @@ impl<'a> LinearisedProblem<'a> {
     ) -> Sums {
         let parts = normals.iter().zip(windows).filter_map(|(n, &w)| n.as_ref().map(|n| (n, weight(&self.seen[w]))));
         sum(parts, self.width())
-    }
-
-    /// Residuals of a recording with the tolerated deviations at their best over its windows taken away; `None` where its
-    /// simulation ran away, and in windows of no weight.
-    pub(crate) fn without_deviations(
-        &self,
-        marginal: &Marginal,
-        residuals: &[Option<&Vec<f64>>],
-        weight: impl Fn(&LinearisedWindow) -> f64,
-    ) -> Vec<Option<Vec<f64>>> {
-        let normal = |(r, s): (&Option<&Vec<f64>>, &LinearisedWindow)| r.map(|r| s.normal_of(r));
-        let normals: Vec<_> = residuals.par_iter().zip(&self.seen).map(normal).collect();
-        let all: Vec<usize> = (0..self.seen.len()).collect();
-        let best = marginal.deviations(&self.sums(&normals, &all, &weight));
-        let left = |(r, s): (&Option<&Vec<f64>>, &LinearisedWindow)| {
-            r.filter(|_| weight(s) > 0.0).map(|r| minus(r, &times(&s.j, &best)))
-        };
-        residuals.iter().zip(&self.seen).map(left).collect()
-    }
-
-    /// The recording's residuals by window.
-    pub fn residuals(&self) -> Vec<Option<&Vec<f64>>> {
-        self.seen.iter().map(|s| Some(&s.residual)).collect()
-    }
-
-    /// Those of each simulated recording without an effect.
-    pub(crate) fn residuals_of_replicates(&self) -> impl Iterator<Item = Vec<Option<&Vec<f64>>>> {
-        self.ghost_residuals.iter().map(|g| g.iter().map(Option::as_ref).collect())
     }
 
     /// Sums of the nominal robot.
