@@ -19,6 +19,7 @@ mod ros2;
 mod test;
 mod tidy;
 mod wheel;
+mod withheld;
 mod workspace;
 
 use anyhow::Result;
@@ -64,6 +65,8 @@ enum Chore {
     Bench(bench::Bench),
     /// Judge the diagnosis on recordings whose answers are sealed
     Blind(blind::Blind),
+    /// Diagnose recordings whose effect is taken out of the library: what is named then is false
+    Withheld(withheld::Withheld),
     /// Build the wheel of the Python package, install it in an environment under target/, and run its tests
     Python(wheel::Python),
     /// Build and test the node for ROS 2, which no other build knows
@@ -100,6 +103,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Guides(guides) => guides::run(&workspace, &guides),
         Chore::Bench(bench) => bench::run(&workspace, bench),
         Chore::Blind(blind) => blind::run(&workspace, &blind),
+        Chore::Withheld(asked) => withheld::run(&workspace, &asked),
         Chore::Python(how) => wheel::run(&workspace, &how),
         Chore::Ros2 => ros2::run(&workspace),
         Chore::Advisories => advisories::run(&workspace),

@@ -20,9 +20,10 @@ mod tests;
 
 use crate::workspace::Workspace;
 use crate::{pipeline, process, programs, python};
+pub use answers::Answers;
 pub use arguments::Blind;
+pub use generate::{bar, build as build_generator};
 
-use answers::Answers;
 use anyhow::{Context, Result};
 use arguments::Chore;
 use diagnose::Diagnoses;

@@ -10,7 +10,7 @@ use order::Order;
 use qv_core::random::sub_seed;
 use qv_go2::model::JOINT_NAMES;
 use qv_go2::synthetic::{Message, write_bag};
-use qv_sealed::{DrawnRecipe, EngineChoice, Outcome, Request};
+use qv_sealed::{DrawnRecipe, EngineChoice, Motion, Outcome, Request};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -33,6 +33,10 @@ struct Arguments {
     /// Recordings of each of them
     #[arg(long, default_value_t = 1, value_name = "N")]
     per_effect: usize,
+    /// What the robot does in recordings of --effects and --none, in turn, or `all`. What no draw makes in a motion other than `mixed` is left
+    /// out, with a remark
+    #[arg(long, value_delimiter = ',', default_value = "mixed", value_name = "NAMES")]
+    motions: Vec<String>,
     /// Recordings with two effects at once, out of --effects or all
     #[arg(long, default_value_t = 0, value_name = "N")]
     pairs: usize,
@@ -127,7 +131,7 @@ fn carry_out(
         Some(&redraws) if is_there(&name) => (qv_sealed::redraw(&request, seed, redraws)?, redraws),
         _ => {
             let made = match qv_sealed::make(&request, seed) {
-                Err(error) if order.is_of_study => {
+                Err(error) if order.is_of_study || order.motion != Motion::Mixed => {
                     eprintln!("{error}");
                     return Ok(Vec::new());
                 }

@@ -26,14 +26,20 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
     if let Some(unknown) = effects.iter().find(|name| !EFFECTS.contains(&name.as_str())) {
         return Err(format!("--effects: expected `all` or names out of {}, found {unknown}", EFFECTS.join(", ")));
     }
+    let motions = motions(&arguments.motions)?;
     let mut orders: Vec<Order> = Vec::new();
     let of = |case, wanted, turn| Order { case, wanted, turn, motion: Motion::Mixed, is_of_study: false };
     for round in 0..arguments.per_effect {
         // Neighbours differ, so that one recording of each effect already uses both engines.
         let single = |(i, name): (usize, &String)| of("single", FaultRequest::Effects(vec![name.clone()]), i + round);
-        orders.extend(effects.iter().enumerate().map(single));
+        let orders_of = effects.iter().enumerate().map(|(i, name)| {
+            let mut shown = motions.iter().cycle().skip(round).take(motions.len()).filter(|motion| motion.shows(name));
+            Order { motion: shown.next().copied().unwrap_or(Motion::Mixed), ..single((i, name)) }
+        });
+        orders.extend(orders_of);
     }
-    orders.extend((0..arguments.none).map(|i| of("none", FaultRequest::Nothing, i)));
+    let sound = |i: usize| Order { motion: motions[i % motions.len()], ..of("none", FaultRequest::Nothing, i) };
+    orders.extend((0..arguments.none).map(sound));
     let withheld = |i: usize| FaultRequest::Withheld(WITHHELD[i % WITHHELD.len()].into());
     // After all of them once, each comes with the other engine.
     orders.extend((0..arguments.withheld).map(|i| of("withheld", withheld(i), i)));
@@ -49,6 +55,19 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
         return Err(format!("expected {expected}, found nothing to record"));
     }
     Ok(orders)
+}
+
+/// Motions by name, or `all`.
+fn motions(names: &[String]) -> Result<Vec<Motion>, String> {
+    let known = || Motion::ALL.map(Motion::name).join(", ");
+    let of_name = |name: &String| {
+        let found = Motion::ALL.into_iter().find(|motion| motion.name() == name);
+        found.ok_or_else(|| format!("--motions: expected `all` or names out of {}, found {name}", known()))
+    };
+    match names.iter().any(|name| name == "all") {
+        true => Ok(Motion::ALL.to_vec()),
+        false => names.iter().map(of_name).collect(),
+    }
 }
 
 /// A recording of a study: motion and effects are drawn from the seed and its turn.
