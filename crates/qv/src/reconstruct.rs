@@ -1,6 +1,7 @@
 //! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
 
 mod arguments;
+mod page;
 mod scores;
 mod search;
 mod stereo;
@@ -24,8 +25,8 @@ use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::ply;
 use qv_splat::stereo::StereoDepth;
 use qv_splat::train::{
-    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, Photograph, ReadOptions, Score, TrainOptions,
-    Weights, at_depths, at_random, bake, cameras, checkpoint, growing, of_points, train,
+    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, NEUTRAL, Photograph, ReadOptions, Score,
+    TrainOptions, Weights, at_depths, at_random, bake, cameras, checkpoint, growing, of_points, train,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
@@ -62,6 +63,8 @@ const MASKS: &str = "masks";
 const REPORT_EVERY: u32 = 100;
 /// Most frames that are taken of a video.
 const FRAMES: usize = 150;
+/// Share of the steps in which exposures are learned, where they are.
+const EXPOSED_SHARE: f64 = 0.85;
 /// Steps from one scene that may be kept to the next.
 const JUDGE_EVERY: u32 = 1000;
 
@@ -116,7 +119,10 @@ impl Reconstruct {
         let train_s = clock.elapsed().as_secs_f64();
         bar.begin(stages, stages, "scores", Some(TRAINING[1]));
         let clock = Instant::now();
-        self.save(&model)?;
+        // A finished training is written once, with its scene.
+        if !finished {
+            self.save(&model)?;
+        }
         if is_stopped && self.has_finished_scene() {
             bar.finish();
             print_message!("the finished scene in '{}' stays", self.out.display());
@@ -124,7 +130,7 @@ impl Reconstruct {
             return Ok(Outcome::Stopped);
         }
         let trained = checkpoint::write(&model, &self.begun_with()?);
-        let (loss, times) = (run.loss, run.mean_times());
+        let (loss, times, curve) = (run.loss, run.mean_times(), std::mem::take(&mut run.curve));
         let (stood_at, mut scene_of) = (model.iteration, model.iteration);
         let earlier = if finished { None } else { std::mem::take(&mut run.best).instead_of(&model, &dataset)? };
         if let Some(kept) = earlier {
@@ -153,6 +159,16 @@ impl Reconstruct {
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
         let path = self.out.join("metrics.json");
         put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
+        let page = page::Summary {
+            model: &model,
+            dataset: &dataset,
+            looked_at: &looked_at,
+            scores: &held_out,
+            curve: &curve,
+            seconds: train_s,
+            has_masks: !model.masks.is_empty(),
+        };
+        write_whole(&self.out.join("index.html"), page.to_html()?.as_bytes())?;
         bar.finish();
         self.notify(&metrics, &held_out.means(), &times, search_s + train_s)?;
         opened.capture.remarks.iter().for_each(|what| remark(what));
@@ -278,7 +294,8 @@ impl Reconstruct {
         Ok((Model::new(cloud, dataset), opened.points.is_some()))
     }
 
-    /// Trains on photographs that grow; the model, and whether all steps were taken.
+    /// Trains on photographs that grow; the model, and whether all steps were taken. Exposures are learned first. The last part of the steps goes
+    /// without them, from their median: a scene is drawn without exposures, and is then to look like the photographs.
     fn train(
         &self,
         dataset: &Dataset,
@@ -291,18 +308,46 @@ impl Reconstruct {
                 continue;
             }
             let small = (factor > 1).then(|| dataset.smaller(factor));
-            let mut engine = self.engine(small.as_ref().unwrap_or(dataset), options, model)?;
-            let trained =
-                train(engine.as_mut(), dataset.training.len(), until, options.seed, REPORT_EVERY, &mut |engine, at| {
-                    run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string()))
-                });
-            let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), dataset, error))?;
-            model = engine.model()?;
+            let photographs = small.as_ref().unwrap_or(dataset);
+            let exposed = (f64::from(options.iterations) * EXPOSED_SHARE) as u32;
+            if options.exposure && model.iteration < exposed {
+                let (trained, finished) = self.train_until(exposed.min(until), photographs, options, model, run)?;
+                model = trained;
+                if !finished {
+                    return Ok((model, false));
+                }
+            }
+            if options.exposure && model.iteration < exposed {
+                continue;
+            }
+            // What is behind the scene has the photographs' colours as it is.
+            bake(&mut model, dataset.background);
+            model.exposures.fill(NEUTRAL);
+            let options = TrainOptions { exposure: false, ..*options };
+            let (trained, finished) = self.train_until(until, photographs, &options, model, run)?;
+            model = trained;
             if !finished {
                 return Ok((model, false));
             }
         }
         Ok((model, true))
+    }
+
+    fn train_until(
+        &self,
+        until: u32,
+        dataset: &Dataset,
+        options: &TrainOptions,
+        model: Model,
+        run: &mut Run,
+    ) -> Result<(Model, bool), Failure> {
+        let mut engine = self.engine(dataset, options, model)?;
+        let trained =
+            train(engine.as_mut(), dataset.training.len(), until, options.seed, REPORT_EVERY, &mut |engine, at| {
+                run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string()))
+            });
+        let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), dataset, error))?;
+        Ok((engine.model()?, finished))
     }
 
     fn judge_every(&self) -> u32 {

@@ -10,6 +10,7 @@ use super::score::{GroundScore, Score, score, score_of};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::GaussianCloud;
+use rayon::prelude::*;
 
 /// What does the steps.
 pub trait Engine {
@@ -94,7 +95,7 @@ pub fn train(
 /// # Errors
 /// Drawing fails.
 pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph], dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
-    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera, dataset)?.colour, one))).collect()
+    photographs.par_iter().map(|one| Ok(score(&drawn(cloud, &one.camera, dataset)?.colour, one))).collect()
 }
 
 /// As [`scores`] of photographs that were held out, with the exposure that the photographs before and after it by name have on average: nothing of the
@@ -108,7 +109,7 @@ pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograp
         let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
         Ok(score(&exposed_image(&exposure, &image.colour), photograph))
     };
-    held_out.iter().map(one).collect()
+    held_out.par_iter().map(one).collect()
 }
 
 /// Scores of what shows the ground alone, of the photographs in which it can be seen: pixels whose drawn depth lies on it.
@@ -125,7 +126,7 @@ pub fn ground_scores(
         let image = drawn_with(cloud, &photograph.camera, dataset, DEPTH)?;
         Ok(score_of(&image.colour, photograph, &ground.pixels(&image, &photograph.camera)))
     };
-    held_out.iter().filter_map(|photograph| one(photograph).transpose()).collect()
+    held_out.par_iter().filter_map(|photograph| one(photograph).transpose()).collect()
 }
 
 fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Exposure {

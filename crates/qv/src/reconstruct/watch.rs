@@ -24,6 +24,15 @@ const PREVIEW_EVERY: u32 = 1000;
 /// Shares of the work between which training lies: photographs are read before, scores are taken after it.
 pub(super) const TRAINING: [f64; 2] = [0.02, 0.95];
 
+/// What was reported at a step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CurvePoint {
+    pub step: u32,
+    pub loss: f64,
+    /// Of the images that the scene was judged by last \[dB\]; NaN where it was not judged since the point before.
+    pub psnr: f64,
+}
+
 /// What goes on while training runs.
 pub(super) struct Run<'a> {
     command: &'a Reconstruct,
@@ -37,6 +46,8 @@ pub(super) struct Run<'a> {
     stop: Arc<AtomicBool>,
     /// The last that was reported, every hundred steps.
     pub loss: Option<f32>,
+    /// All that was reported, every hundred steps.
+    pub curve: Vec<CurvePoint>,
     /// PSNR of the last preview's photograph, or of those that the last scene was judged by.
     pub psnr: Option<f64>,
     /// What is kept if training is stopped.
@@ -56,6 +67,7 @@ impl<'a> Run<'a> {
             bar,
             stop: crate::stop::asked(),
             loss: None,
+            curve: vec![],
             psnr: None,
             best: Best::default(),
             times: (vec![], 0),
@@ -66,6 +78,7 @@ impl<'a> Run<'a> {
     pub fn watch(&mut self, engine: &mut dyn Engine, progress: &Progress) -> Result<bool, Failure> {
         if let Some(loss) = progress.loss {
             self.loss = Some(loss);
+            self.curve.push(CurvePoint { step: progress.iteration, loss: f64::from(loss), psnr: f64::NAN });
             let psnr = self.psnr.map_or(String::new(), |psnr| format!(" PSNR {psnr:.2}"));
             let share = f64::from(progress.iteration) / f64::from(self.iterations);
             let figure = format!(
@@ -91,7 +104,11 @@ impl<'a> Run<'a> {
                 self.saved = Instant::now();
             }
             if judges {
-                self.psnr = Some(self.best.see(&model, self.dataset)?);
+                let psnr = self.best.see(&model, self.dataset)?;
+                self.psnr = Some(psnr);
+                if let Some(point) = self.curve.last_mut() {
+                    point.psnr = psnr;
+                }
             }
             previews.then(|| self.preview(&model)).transpose()?;
         }
