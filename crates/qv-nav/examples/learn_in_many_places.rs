@@ -7,7 +7,7 @@
 //! - `exam`: places of the test, each with `episodes` and `pictures`; `exam_seed`: of them; `goals=unseen`: of a shape and colours that no training
 //!   draws; `goals=turned`: a network that knows goals by name is asked by turned hues; `role=training`: in places of the training, which places.json beside `from` lists.
 //!
-//! - `gpu=N` (feature `gpu`): learns on adapter `N`;
+//! - `gpu=N` (feature `gpu`): draws and learns on adapter `N`;
 //! - `show=FILE.ppm`: pictures of the first places of that role, a row for each, and nothing else.
 //!
 //! Without `rounds=0` it learns first. `qv navigate train --places` and `test --places` do the same without a time.
@@ -19,7 +19,7 @@ use qv_nav::goals::{GoalKind, turn_hues};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::standing;
 use qv_nav::net::{HEIGHT, HIDDEN, NetInput, STATE, WIDTH};
-use qv_nav::places::{ManySites, Role, Site, SiteSettings, TrainingPlaces, number};
+use qv_nav::places::{ManySites, PlaceEyes, Role, Site, SiteSettings, TrainingPlaces, number};
 use qv_nav::recall::RECALL;
 use qv_nav::task::Stratum;
 use qv_nav::weights::{self, GoalInput};
@@ -138,6 +138,17 @@ fn student(settings: &TrainSettings, gpu: Option<usize>) -> Fallible<Student> {
     }
 }
 
+/// What draws: the card that was asked for, if any.
+fn eyes(gpu: Option<usize>) -> Fallible<PlaceEyes> {
+    #[cfg(feature = "gpu")]
+    if let Some(adapter) = gpu {
+        let options = qv_nav::card::GpuOptions { adapter: Some(adapter), ..Default::default() };
+        return Ok(PlaceEyes::Card(Box::new(qv_nav::card::GpuEyes::new(options)?)));
+    }
+    let _ = gpu;
+    Ok(PlaceEyes::Processor)
+}
+
 fn learn(student: &mut Student, options: &Options) -> Fallible<()> {
     let sites = ManySites {
         settings: SiteSettings::default(),
@@ -146,6 +157,7 @@ fn learn(student: &mut Student, options: &Options) -> Fallible<()> {
         given: Vec::new(),
         share_given: 0.0,
         spread: LensSpread::of_many_places(),
+        eyes: eyes(options.gpu)?,
         robots: options.settings.robots,
         absent: options.absent,
         visited: Mutex::new(BTreeMap::new()),

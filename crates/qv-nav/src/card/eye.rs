@@ -24,9 +24,57 @@ pub struct GpuEye {
 
 /// What lies on the card.
 struct Card {
-    rasteriser: GpuRasteriser,
+    drawer: Drawer,
     cloud: GpuCloud,
+}
+
+/// What draws pictures of any cloud.
+struct Drawer {
+    rasteriser: GpuRasteriser,
     means: Means,
+}
+
+impl Drawer {
+    fn new(gpu: Gpu) -> Result<Self, RasterError> {
+        let means = Means::new(&gpu)?;
+        Ok(Self { rasteriser: GpuRasteriser::new(gpu), means })
+    }
+}
+
+/// Eyes for one place after another, several at once. Each has a device of its own, so that none waits for what another has submitted, and devices
+/// are kept from place to place: a new one would compile its shaders anew.
+pub struct GpuEyes {
+    options: GpuOptions,
+    idle: Mutex<Vec<Drawer>>,
+}
+
+impl GpuEyes {
+    /// On an adapter.
+    ///
+    /// # Errors
+    /// When the adapter cannot be used.
+    pub fn new(options: GpuOptions) -> Result<Self, NavError> {
+        let first = Drawer::new(Gpu::new(&options)?)?;
+        Ok(Self { options, idle: Mutex::new(vec![first]) })
+    }
+
+    /// Calls `visit` with an eye on the card that sees what `eye` sees.
+    ///
+    /// # Errors
+    /// When the cloud is too large for the device, or `visit` fails.
+    pub fn lend(
+        &self,
+        eye: &SplatEye,
+        visit: &mut dyn FnMut(&dyn Eye) -> Result<(), NavError>,
+    ) -> Result<(), NavError> {
+        let kept = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let drawer = kept.map_or_else(|| Drawer::new(Gpu::new(&self.options)?), Ok)?;
+        let eye = GpuEye::with(eye, drawer)?;
+        visit(&eye)?;
+        let card = eye.card.into_inner().unwrap_or_else(PoisonError::into_inner);
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(card.drawer);
+        Ok(())
+    }
 }
 
 impl GpuEye {
@@ -35,6 +83,10 @@ impl GpuEye {
     /// # Errors
     /// The clouds are too large for the device.
     pub fn new(eye: &SplatEye, gpu: Gpu) -> Result<Self, NavError> {
+        Self::with(eye, Drawer::new(gpu)?)
+    }
+
+    fn with(eye: &SplatEye, drawer: Drawer) -> Result<Self, NavError> {
         let (clouds, groups) = eye.parts();
         let still = groups.iter().position(|group| *group > 0).unwrap_or(groups.len());
         let cones = groups.last().map_or(0, |last| *last as usize);
@@ -45,9 +97,8 @@ impl GpuEye {
         }
         let environments = [vec![None; cones + clouds.len()]];
         let scene = Scene { cloud: &cloud, group_of: &group_of, environments: &environments };
-        let copy = GpuCloud::new(&gpu, &scene)?;
-        let means = Means::new(&gpu)?;
-        let card = Mutex::new(Card { rasteriser: GpuRasteriser::new(gpu), cloud: copy, means });
+        let copy = GpuCloud::new(&drawer.rasteriser.gpu, &scene)?;
+        let card = Mutex::new(Card { drawer, cloud: copy });
         let paints = clouds.len();
         Ok(Self { cloud, group_of, cones, looks: eye.looks(), paints, settings: eye.settings(), card })
     }
@@ -60,7 +111,7 @@ impl GpuEye {
     /// What the adapter is called.
     pub fn adapter(&self) -> String {
         let card = self.card.lock().unwrap_or_else(PoisonError::into_inner);
-        card.means.gpu.info.name.clone()
+        card.drawer.means.gpu.info.name.clone()
     }
 
     /// Poses of the cones and of the paints, by group.
@@ -87,7 +138,7 @@ impl Eye for GpuEye {
         let views: Vec<View> = shots.iter().enumerate().map(view).collect();
         let how = GpuSettings { bytes: true, ..Default::default() };
         let mut card = self.card.lock().unwrap_or_else(PoisonError::into_inner);
-        let Card { rasteriser, cloud, means } = &mut *card;
+        let Card { drawer: Drawer { rasteriser, means }, cloud } = &mut *card;
         let mut sums = Vec::with_capacity(shots.len() * WIDTH * HEIGHT);
         rasteriser.render_all(cloud, &scene, &views, &self.settings, &how, |first, images, _| {
             // As many as the card had room for come at once.
@@ -217,6 +268,17 @@ mod tests {
             Shot { camera: Rig::default().camera(&base), cones, seed: k << 8 }
         };
         let shots: Vec<Shot> = (0..7).map(shot).collect();
+        // The drawer of one place draws another, whose cloud has another size.
+        let eyes = GpuEyes::new(GpuOptions::default()).unwrap();
+        let other = SplatEye::bare(&place, &Bare { spacing: 0.2, paints: 1 }, 8).unwrap();
+        eyes.lend(&other, &mut |eye| eye.look(&shots).map(drop)).unwrap();
+        let mut lent = Vec::new();
+        eyes.lend(&cpu, &mut |eye| {
+            lent = eye.look(&shots)?;
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(lent, card.look(&shots).unwrap());
         // Another number of shots after the first batch, as when episodes end.
         for shots in [&shots[..], &shots[2..5], &[]] {
             let (expected, found) = (cpu.look(shots).unwrap(), card.look(shots).unwrap());

@@ -5,7 +5,7 @@ mod layers;
 mod learn;
 mod product;
 
-pub use eye::GpuEye;
+pub use eye::{GpuEye, GpuEyes};
 pub use learn::GpuLearner;
 pub use qv_raster::gpu::{Gpu, GpuOptions};
 

@@ -187,6 +187,25 @@ pub trait Sites: Sync {
 /// What is done in a place.
 pub type Visit<'a> = dyn FnMut(&Stage, &mut dyn Legs, &EpisodeSettings) -> Result<(), NavError> + 'a;
 
+/// What draws the pictures of drawn places.
+pub enum PlaceEyes {
+    /// The processor.
+    Processor,
+    /// A graphics card. Its pictures differ from those of the processor by rounding.
+    #[cfg(feature = "gpu")]
+    Card(Box<crate::card::GpuEyes>),
+}
+
+impl PlaceEyes {
+    fn lend(&self, eye: &SplatEye, visit: &mut dyn FnMut(&dyn Eye) -> Result<(), NavError>) -> Result<(), NavError> {
+        match self {
+            Self::Processor => visit(eye),
+            #[cfg(feature = "gpu")]
+            Self::Card(eyes) => eyes.lend(eye, visit),
+        }
+    }
+}
+
 /// Drawn places, and others that are given, such as reconstructions.
 pub struct ManySites {
     /// How places are drawn.
@@ -201,6 +220,8 @@ pub struct ManySites {
     pub share_given: f32,
     /// How cameras differ.
     pub spread: LensSpread,
+    /// What draws the drawn places; those that are given have eyes of their own.
+    pub eyes: PlaceEyes,
     /// Robots at once in a place.
     pub robots: usize,
     /// Share of episodes without the goal.
@@ -215,9 +236,9 @@ impl ManySites {
         TrainingPlaces::new(self.seed, self.count, &self.visited.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn at(&self, site: &Site, number: Option<u64>, visit: &mut Visit) -> Result<(), NavError> {
+    fn at(&self, site: &Site, eye: &dyn Eye, number: Option<u64>, visit: &mut Visit) -> Result<(), NavError> {
         self.visited.lock().unwrap_or_else(PoisonError::into_inner).insert(site.hash, number);
-        let stage = Stage::new(&site.world, &*site.eye, self.spread);
+        let stage = Stage::new(&site.world, eye, self.spread);
         let mut legs = Follower::new(&site.world.map, self.robots, HEIGHT);
         visit(&stage, &mut legs, &site.episodes(self.absent))
     }
@@ -227,12 +248,13 @@ impl Sites for ManySites {
     fn visit(&self, number: u64, visit: &mut Visit) -> Result<(), NavError> {
         let mut random = Xoshiro256PlusPlus::of(number, 71, 0);
         if !self.given.is_empty() && random.unit() < self.share_given {
-            return self.at(&self.given[random.below(self.given.len())], None, visit);
+            let site = &self.given[random.below(self.given.len())];
+            return self.at(site, &*site.eye, None, visit);
         }
         let index = random.bits() % self.count.max(1);
         let drawn = self::number(Role::Training, self.seed, index);
         let (site, eye) = Site::drawn(drawn, &self.settings)?;
-        self.at(&site.seen_by(Box::new(eye)), Some(drawn), visit)
+        self.eyes.lend(&eye, &mut |eye| self.at(&site, eye, Some(drawn), visit))
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::Failure;
 use qv_nav::dagger::{Student, TrainSettings};
 use qv_nav::eye::{Eye, SplatEye};
+use qv_nav::places::PlaceEyes;
 
 /// The graphics card, in a program that was built with the feature `gpu`.
 #[derive(clap::Args)]
@@ -25,6 +26,12 @@ impl CardArguments {
         Ok(if self.gpu { Box::new(GpuEye::new(&eye, self.open()?)?) } else { Box::new(eye) })
     }
 
+    /// What draws one place after another.
+    pub fn place_eyes(&self) -> Result<PlaceEyes, Failure> {
+        use qv_nav::card::GpuEyes;
+        Ok(if self.gpu { PlaceEyes::Card(Box::new(GpuEyes::new(self.options())?)) } else { PlaceEyes::Processor })
+    }
+
     /// A student, likewise.
     pub fn student(&self, settings: &TrainSettings) -> Result<Student, Failure> {
         let student = Student::new(settings)?;
@@ -33,8 +40,11 @@ impl CardArguments {
 
     /// Each eye and the student have a device of their own: none waits for what the other has submitted.
     fn open(&self) -> Result<qv_nav::card::Gpu, Failure> {
-        use qv_nav::card::{Gpu, GpuOptions};
-        Ok(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?)
+        Ok(qv_nav::card::Gpu::new(&self.options())?)
+    }
+
+    fn options(&self) -> qv_nav::card::GpuOptions {
+        qv_nav::card::GpuOptions { adapter: self.gpu_index, ..Default::default() }
     }
 }
 
@@ -43,6 +53,11 @@ impl CardArguments {
     /// The eye.
     pub fn eye(&self, eye: SplatEye) -> Result<Box<dyn Eye>, Failure> {
         Ok(Box::new(eye))
+    }
+
+    /// What draws one place after another.
+    pub fn place_eyes(&self) -> Result<PlaceEyes, Failure> {
+        Ok(PlaceEyes::Processor)
     }
 
     /// A student.

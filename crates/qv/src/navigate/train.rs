@@ -154,6 +154,7 @@ impl Train {
             share_given: if count == 0 { 1.0 } else { 0.25 },
             given,
             spread: if self.task.camera == "none" { LensSpread::none() } else { LensSpread::of_many_places() },
+            eyes: self.card.place_eyes()?,
             robots: self.driven(TrainSettings::of_many_places()).robots,
             absent: ABSENT,
             visited: Mutex::new(visited),
