@@ -16,6 +16,8 @@ pub struct TaskSettings {
     pub iterations: usize,
     /// Length of an episode \[s\].
     pub episode: f32,
+    /// Strides a second of the clock that the policy sees \[Hz\]; 0: it sees none.
+    pub clock: f32,
     /// What is commanded.
     pub commands: Commands,
     /// What is rewarded.
@@ -38,6 +40,7 @@ impl Default for TaskSettings {
             substeps: 4,
             iterations: 8,
             episode: 20.0,
+            clock: 1.6,
             commands: Commands::default(),
             reward: Reward::default(),
             ends: Ends::default(),
@@ -159,12 +162,18 @@ pub struct Reward {
     pub slip: f32,
     /// For each pair of feet across (first and last leg, second and third) that are not together on or off the ground.
     pub pairs: f32,
+    /// While the command says move, for each foot: that it is on the ground where the clock has it swing, or off it where it has it stand
+    /// (Siekmann et al. 2021, with an indicator of contact instead of forces and speeds). Feet across are together, the two pairs half a
+    /// stride apart. Without effect where there is no clock.
+    pub clock: f32,
+    /// Share of a stride that the clock has a foot stand.
+    pub clock_duty: f32,
     /// For each limb that touches the ground.
     pub limbs: f32,
     /// While the command says stand: for each foot off the ground, and squared speed of the joints (times 0.02).
     pub still: f32,
     /// `1 / (1 + |mean v error|² / steady_width²)` and the same of the turning rate, where means are over the last `steady_time`: the sway of
-    /// a gait leaves them, and a drift off the commanded path does not.
+    /// a gait leaves them, and a drift off the commanded path does not. Rises with `narrow_epochs`.
     pub steady: f32,
     /// \[m/s, rad/s\]
     pub steady_width: f32,
@@ -193,6 +202,7 @@ impl Reward {
             duty_variance: self.duty_variance * gait,
             still: self.still * gait,
             fall: self.fall * gait,
+            steady: self.steady * self.narrowed(epoch),
             landing: self.landing * soft,
             contact_forces: self.contact_forces * soft,
             power: self.power * soft,
@@ -248,6 +258,8 @@ impl Default for Reward {
             clearance_height: 0.25,
             slip: 0.1,
             pairs: 0.3,
+            clock: 1.0,
+            clock_duty: 0.55,
             limbs: 0.5,
             still: 2.0,
             steady: 0.0,
@@ -369,6 +381,8 @@ impl TaskSettings {
         within("rate", self.rate, 1.0, 1000.0)?;
         within("substeps", self.substeps as f32, 1.0, 1000.0)?;
         within("iterations", self.iterations as f32, 1.0, 1000.0)?;
+        within("clock", self.clock, 0.0, 0.5 * self.rate)?;
+        within("reward.clock_duty", self.reward.clock_duty, 0.0, 1.0)?;
         within("episode", self.episode, 2.0 / self.rate, 1e4)?;
         within("commands.every", self.commands.every, 1.0 / self.rate, 1e4)?;
         within("commands.stand", self.commands.stand, 0.0, 1.0)?;
