@@ -88,7 +88,8 @@ impl<'a> SecondWalkers<'a> {
         }
         let joints = self.robot.joints();
         let (robots, clock) = (&mut self.robots, self.clock);
-        let observations: Vec<f32> = walking.iter().flat_map(|&env| robots[env].observation(commands[env], clock)).collect();
+        let observations: Vec<f32> =
+            walking.iter().flat_map(|&env| robots[env].observation(commands[env], clock)).collect();
         let mut actions = vec![0.0; walking.len() * joints];
         self.policy.decide(walking.len(), &observations, &mut actions)?;
         let mut of_env: Vec<Option<&[f32]>> = vec![None; self.robots.len()];

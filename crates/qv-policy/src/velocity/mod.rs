@@ -352,7 +352,6 @@ pub(crate) fn clock_numbers(clock: f32) -> usize {
     if clock > 0.0 { 2 } else { 0 }
 }
 
-
 /// Steps until the next push, exponentially distributed.
 fn push_steps(random: &mut Xoshiro256PlusPlus, settings: &TaskSettings) -> u32 {
     let time = -f64::from(1.0 - random.unit()).ln() * f64::from(settings.randomise.push_every);
@@ -411,7 +410,8 @@ impl VectorEnv for VelocityTask {
             row[9..9 + joints].copy_from_slice(&read.encoder_q[env * joints..][..joints]);
             row[9 + joints..9 + 2 * joints].copy_from_slice(&read.encoder_dq[env * joints..][..joints]);
             row[9 + 2 * joints..9 + 3 * joints].copy_from_slice(&targets[env * joints..][..joints]);
-            row[9 + 3 * joints..].copy_from_slice(&clock_of(walker.phase(clock, dt), walker.command)[..seen - 9 - 3 * joints]);
+            row[9 + 3 * joints..]
+                .copy_from_slice(&clock_of(walker.phase(clock, dt), walker.command)[..seen - 9 - 3 * joints]);
             // The critic knows the true state.
             all[..3].copy_from_slice(&v[3..6]);
             all[3..6].copy_from_slice(&turned_back([q[3], q[4], q[5], q[6]], [0.0, 0.0, -1.0]));

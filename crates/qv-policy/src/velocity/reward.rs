@@ -170,3 +170,20 @@ fn off_beat(touching: &[bool], phase: f32, duty: f32) -> f32 {
         _ => 0.0,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::off_beat;
+
+    #[test]
+    fn feet_across_stand_together_half_a_stride_from_the_others() {
+        let trot = [true, false, false, true];
+        assert_eq!(off_beat(&trot, 0.25, 0.55), 0.0);
+        assert_eq!(off_beat(&trot, 0.75, 0.55), 4.0);
+        // Both pairs stand for a twentieth of a stride.
+        assert_eq!(off_beat(&[true; 4], 0.52, 0.55), 0.0);
+        assert_eq!(off_beat(&[true; 4], 0.25, 0.55), 2.0);
+        assert_eq!(off_beat(&[false; 4], 0.25, 0.55), 2.0);
+        assert_eq!(off_beat(&[true, false], 0.25, 0.55), 0.0, "two legs have no trot");
+    }
+}
