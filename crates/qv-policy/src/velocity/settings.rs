@@ -40,7 +40,7 @@ impl Default for TaskSettings {
             substeps: 4,
             iterations: 8,
             episode: 20.0,
-            clock: 1.7,
+            clock: 1.65,
             commands: Commands::default(),
             reward: Reward::default(),
             ends: Ends::default(),
@@ -90,7 +90,7 @@ impl Default for Commands {
             wz: [-1.0, 1.0],
             every: 4.0,
             stand: 0.15,
-            gap: 0.15,
+            gap: 0.1,
             single_axis: 0.4,
             single_axis_from: 0,
         }
@@ -160,7 +160,7 @@ pub struct Reward {
     pub clearance_height: f32,
     /// Squared horizontal speed of feet on the ground.
     pub slip: f32,
-    /// For each pair of feet across (first and last leg, second and third) that are not together on or off the ground.
+    /// For each pair of feet across (first and last leg, second and third) that are not together on or off the ground; what the clock says, too.
     pub pairs: f32,
     /// While the command says move, for each foot: that it is on the ground where the clock has it swing, or off it where it has it stand
     /// (Siekmann et al. 2021, with an indicator of contact instead of forces and speeds). Feet across are together, the two pairs half a
@@ -173,7 +173,7 @@ pub struct Reward {
     /// While the command says stand: for each foot off the ground, and squared speed of the joints (times 0.02).
     pub still: f32,
     /// `1 / (1 + |mean v error|² / steady_width²)` and the same of the turning rate, where means are over the last `steady_time`: the sway of
-    /// a gait leaves them, and a drift off the commanded path does not. Rises with `narrow_epochs`.
+    /// a gait leaves them, and a drift off the commanded path does not.
     pub steady: f32,
     /// \[m/s, rad/s\]
     pub steady_width: f32,
@@ -202,7 +202,6 @@ impl Reward {
             duty_variance: self.duty_variance * gait,
             still: self.still * gait,
             fall: self.fall * gait,
-            steady: self.steady * self.narrowed(epoch),
             landing: self.landing * soft,
             contact_forces: self.contact_forces * soft,
             power: self.power * soft,
@@ -229,9 +228,9 @@ fn risen([from, to]: [u64; 2], epoch: u64) -> f32 {
 impl Default for Reward {
     fn default() -> Self {
         Self {
-            velocity: 4.0,
+            velocity: 6.0,
             velocity_width: 0.08,
-            turning: 2.0,
+            turning: 3.0,
             turning_width: 0.08,
             bounce: 2.0,
             sway: 0.05,
@@ -257,9 +256,9 @@ impl Default for Reward {
             clearance: 3.0,
             clearance_height: 0.25,
             slip: 0.1,
-            pairs: 0.3,
-            clock: 1.0,
-            clock_duty: 0.53,
+            pairs: 0.0,
+            clock: 1.5,
+            clock_duty: 0.54,
             limbs: 0.5,
             still: 2.0,
             steady: 1.0,
