@@ -10,7 +10,7 @@ use qv_core::random::Xoshiro256PlusPlus;
 use qv_go2::model::{FOOT_SHAPES, touching_height};
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
-use qv_policy::velocity::TaskRobot;
+use qv_policy::velocity::{TaskRobot, clock_input};
 use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{Batch, JointCommand, Model, SimError, SimOptions, State, Terrain};
 use serde_json::{Value, json};
@@ -180,7 +180,9 @@ impl Walks {
             if decision >= settled {
                 errors.add(&state, heading, gravity, command);
             }
-            policy.run(&observation(&state, gravity, command, &targets), &mut targets)?;
+            let mut seen = observation(&state, gravity, command, &targets);
+            seen.extend(clock_input(self.file.clock, self.file.rate, decision, command));
+            policy.run(&seen, &mut targets)?;
             if targets.len() != self.robot.joints() {
                 return Err(format!("policy: expected {} targets, found {}", self.robot.joints(), targets.len()).into());
             }
@@ -207,7 +209,7 @@ fn attitude(state: &State) -> ([f64; 3], [f64; 2]) {
     (gravity, [c / length, s / length])
 }
 
-/// What the policy sees, from the true state: the contract of policy.onnx.
+/// What the policy sees but the clock, from the true state: the contract of policy.onnx.
 fn observation(state: &State, gravity: [f64; 3], command: [f32; 3], targets: &[f32]) -> Vec<f32> {
     let narrow = |list: &[f64]| list.iter().map(|&x| x as f32).collect::<Vec<_>>();
     [

@@ -115,7 +115,8 @@ fn main() -> Fallible<()> {
     let timestep: f64 = key("timestep", "0.002").parse()?;
     let second = |legs: &str| -> Fallible<SecondWalkers> {
         let options = RapierOptions { timestep, ..Default::default() };
-        Ok(SecondWalkers::new(&robot, walking(legs, &robot)?, (&terrain, &options), &hidden, ROBOTS)?)
+        let (policy, clock) = walking(legs, &robot)?;
+        Ok(SecondWalkers::new(&robot, policy, (&terrain, &options), &hidden, ROBOTS)?.with_clock(clock))
     };
     println!("{count} episodes of seed {TESTED}; hidden effects of the second world: {hidden:?}");
     let episodes = EpisodeSettings::default().draw(&world, count, TESTED)?;

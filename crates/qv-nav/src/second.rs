@@ -7,7 +7,7 @@ use crate::walkers::{Trim, moving, pose, standing};
 use glam::DVec3;
 use qv_core::Pose;
 use qv_policy::score::Decide;
-use qv_policy::velocity::TaskRobot;
+use qv_policy::velocity::{TaskRobot, clock_input};
 use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{JointCommand, SimError, State, Terrain};
 use rayon::prelude::*;
@@ -22,6 +22,8 @@ pub struct SecondWalkers<'a> {
     robots: Vec<One>,
     /// Physics steps of a decision of the walking policy.
     steps: usize,
+    /// Strides a second of the clock that the walking policy sees \[Hz\]; 0: none.
+    clock: f32,
 }
 
 /// One robot.
@@ -32,6 +34,8 @@ struct One {
     state: State,
     fell: bool,
     trim: Trim,
+    /// Decisions of the walking policy since the start.
+    decisions: usize,
 }
 
 impl<'a> SecondWalkers<'a> {
@@ -63,10 +67,16 @@ impl<'a> SecondWalkers<'a> {
                 state,
                 fell: false,
                 trim: Trim::default(),
+                decisions: 0,
             })
         };
         let robots = (0..count).map(one).collect::<Result<_, _>>()?;
-        Ok(Self { robot: robot.clone(), policy, robots, steps: steps.round() as usize })
+        Ok(Self { robot: robot.clone(), policy, robots, steps: steps.round() as usize, clock: 0.0 })
+    }
+
+    /// For a walking policy that sees a clock of so many strides a second \[Hz\]; 0: it sees none.
+    pub fn with_clock(self, clock: f32) -> Self {
+        Self { clock, ..self }
     }
 
     /// One decision of the walking policy for robots that are active and stand.
@@ -77,8 +87,9 @@ impl<'a> SecondWalkers<'a> {
             return Ok(());
         }
         let joints = self.robot.joints();
-        let robots = &mut self.robots;
-        let observations: Vec<f32> = walking.iter().flat_map(|&env| robots[env].observation(commands[env])).collect();
+        let (robots, clock) = (&mut self.robots, self.clock);
+        let observations: Vec<f32> =
+            walking.iter().flat_map(|&env| robots[env].observation(commands[env], clock)).collect();
         let mut actions = vec![0.0; walking.len() * joints];
         self.policy.decide(walking.len(), &observations, &mut actions)?;
         let mut of_env: Vec<Option<&[f32]>> = vec![None; self.robots.len()];
@@ -109,13 +120,15 @@ fn suffer(engine: &mut RapierEngine, name: &str, value: f64) -> Result<(), NavEr
 
 impl One {
     /// What the walking policy sees: see [`qv_policy::velocity::OBSERVATION`].
-    fn observation(&mut self, wanted: [f64; 3]) -> Vec<f32> {
+    fn observation(&mut self, wanted: [f64; 3], clock: f32) -> Vec<f32> {
         let State { q, v } = &self.state;
         let (linear, turning) = (DVec3::new(v[0], v[1], v[2]), DVec3::new(v[3], v[4], v[5]));
         let command = self.trim.command(wanted, moving(&self.past.ago(0.0), linear, turning));
         let gravity = (self.past.ago(0.0).rotation.conjugate() * DVec3::NEG_Z).to_array();
         let numbers = v[3..6].iter().chain(&gravity).chain(&command).chain(&q[7..]).chain(&v[6..]).copied();
-        numbers.map(|x| x as f32).collect::<Vec<_>>().into_iter().chain(self.targets.iter().copied()).collect()
+        let clock = clock_input(clock, (1.0 / TICK) as f32, self.decisions, command.map(|x| x as f32));
+        self.decisions += 1;
+        numbers.map(|x| x as f32).chain(self.targets.iter().copied()).chain(clock).collect()
     }
 
     fn walk(&mut self, robot: &TaskRobot, action: &[f32], steps: usize) -> Result<(), SimError> {
@@ -160,6 +173,7 @@ impl Legs for SecondWalkers<'_> {
             one.targets.clone_from(&self.robot.stand);
             one.fell = false;
             one.trim = Trim::default();
+            one.decisions = 0;
         }
         Ok(())
     }

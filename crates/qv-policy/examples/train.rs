@@ -37,7 +37,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     while training.ppo().iterations < iterations {
         let line = training.advance()?;
         if let Some(score) = line.score {
-            println!("{} {} {:?} {:?}", training.ppo().iterations, line.iteration.std, score, line.figures);
+            let (std, rate) = (line.iteration.std, line.iteration.rate);
+            println!("{} std {std} rate {rate} {score:?} {:?}", training.ppo().iterations, line.figures);
         }
     }
     let seconds = clock.elapsed().as_secs_f64();

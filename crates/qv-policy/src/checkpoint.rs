@@ -51,7 +51,11 @@ impl Checkpoint {
     /// When the bytes are no such file, are cut off, or hold a number that is not finite.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, PolicyError> {
         let end = bytes.iter().position(|&b| b == b'\n').ok_or_else(|| bad("no line of JSON at its beginning"))?;
-        let value: serde_json::Value = serde_json::from_slice(&bytes[..end]).map_err(|e| bad(&e.to_string()))?;
+        let mut value: serde_json::Value = serde_json::from_slice(&bytes[..end]).map_err(|e| bad(&e.to_string()))?;
+        // Policies of earlier versions see no clock.
+        if let Some(task) = value.pointer_mut("/settings/task").and_then(serde_json::Value::as_object_mut) {
+            task.entry("clock").or_insert(0.0.into());
+        }
         if let Some(magic) = value["magic"].as_str().filter(|magic| *magic != MAGIC) {
             return Err(bad(&format!("expected `{MAGIC}`, found `{magic}`; train again with this version")));
         }

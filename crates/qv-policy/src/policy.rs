@@ -5,7 +5,7 @@ use crate::net::{Mlp, padded};
 use crate::onnx::{Dense, PolicyGraph};
 use crate::ppo::{Ppo, scale_rows};
 use crate::score::{Decide, Score};
-use crate::velocity::{Commands, OBSERVATION, Randomise, TaskRobot, TaskSettings};
+use crate::velocity::{Commands, Randomise, TaskRobot, TaskSettings, observation_parts};
 use qv_core::Mismatch;
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,7 @@ impl Policy {
         Self { actor: ppo.actor.clone(), parameters, offset: offset.to_vec(), scale: scale.to_vec() }
     }
 
-    /// The file `policy.onnx`: input `observation`, f32 `[n, 9 + 3 joints]`, output `targets`, f32 `[n, joints]`, all scales inside.
+    /// The file `policy.onnx`: input `observation`, f32 `[n, 9 + 3 joints]` or, with a clock, two more, output `targets`, f32 `[n, joints]`, all scales inside.
     ///
     /// # Errors
     /// When a number is not finite.
@@ -38,11 +38,13 @@ impl Policy {
         let plain = self.actor.unpadded(&self.parameters);
         let layers = Dense::of(&self.actor, &plain);
         let (lower, upper): (Vec<f32>, Vec<f32>) = (0..robot.joints()).map(|j| finite_limits(robot.limits(j))).unzip();
+        let clock = if self.offset.len() > 9 + 3 * robot.joints() { 1.0 } else { 0.0 };
+        let parts: Vec<&str> = observation_parts(clock).into_iter().map(|(what, _)| what).collect();
         let text = |key: &str, value: String| (key.to_owned(), value);
         let metadata = [
             text("robot", robot.name.clone()),
             text("joints", robot.model.joint_names().join(" ")),
-            text("observation", OBSERVATION.map(|(what, _)| what).join("; ")),
+            text("observation", parts.join("; ")),
         ];
         let graph = PolicyGraph {
             input: "observation",
@@ -129,6 +131,9 @@ pub struct PolicyFile {
     pub model_hash: String,
     /// Decisions a second \[Hz\].
     pub rate: f32,
+    /// Strides a second of the clock that the observation ends with \[Hz\]; 0: it has none, as in files of earlier versions.
+    #[serde(default)]
+    pub clock: f32,
     /// Joint names: the order of angles, speeds and targets.
     pub joints: Vec<String>,
     /// Position gains \[N m/rad\].
@@ -165,6 +170,7 @@ impl PolicyFile {
             robot: robot.name.clone(),
             model_hash: model_hash(robot),
             rate: settings.rate,
+            clock: settings.clock,
             joints: robot.model.joint_names().to_vec(),
             kp: robot.kp.clone(),
             kd: robot.kd.clone(),
@@ -172,7 +178,7 @@ impl PolicyFile {
             action_scale: robot.action_scale.clone(),
             lower,
             upper,
-            observation: OBSERVATION.map(|(what, _)| what.to_owned()).to_vec(),
+            observation: observation_parts(settings.clock).into_iter().map(|(what, _)| what.to_owned()).collect(),
             timestep: settings.timestep(),
             ground: ground.into(),
             commands: settings.commands.clone(),
@@ -220,7 +226,8 @@ impl PolicyFile {
                 return mismatch(expected, format!("{list:?}"));
             }
         }
-        let times = [("rate", f64::from(self.rate), 1.0, 1000.0), ("timestep", self.timestep, 1e-5, 0.1)];
+        let clock = ("clock", f64::from(self.clock), 0.0, 500.0);
+        let times = [clock, ("rate", f64::from(self.rate), 1.0, 1000.0), ("timestep", self.timestep, 1e-5, 0.1)];
         for (key, found, low, high) in times {
             if !(low..=high).contains(&found) {
                 return mismatch(format!("`{key}` of {low} to {high}"), found.to_string());

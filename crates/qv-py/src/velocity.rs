@@ -4,7 +4,7 @@ use crate::errors::value;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use qv_policy::env::{End, VectorEnv};
-use qv_policy::velocity::{Ground, OBSERVATION, TaskSettings};
+use qv_policy::velocity::{Ground, TaskSettings, observation_parts};
 
 /// Many Go2 that learn to follow commanded velocities on a plane.
 #[pyclass(module = "quadverse._quadverse")]
@@ -61,7 +61,8 @@ impl VelocityTask {
     #[getter]
     fn observation_parts(&self) -> Vec<(&'static str, usize)> {
         let joints = self.task.actions();
-        OBSERVATION.iter().map(|(name, size)| (*name, if *size == 0 { joints } else { *size })).collect()
+        let parts = observation_parts(self.task.settings().clock);
+        parts.into_iter().map(|(name, size)| (name, if size == 0 { joints } else { size })).collect()
     }
 
     /// Offset and scale that bring observations to the size of one.

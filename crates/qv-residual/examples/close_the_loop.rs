@@ -130,7 +130,7 @@ fn record(
         })
         .collect();
     let mut log = Log::new(robot, task);
-    for (k, walk) in hidden.walks(robot, ground, policy, task.rate, &orders)?.iter().enumerate() {
+    for (k, walk) in hidden.walks(robot, ground, policy, task, &orders)?.iter().enumerate() {
         // A walk that ended in a fall at once has nothing to show.
         if let Err(error) = log.add(&format!("walk {k}"), &walk.run, robot) {
             eprintln!("{error}");

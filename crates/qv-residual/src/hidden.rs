@@ -11,7 +11,7 @@ use qv_core::JointSeries;
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::policy::Policy;
 use qv_policy::score::Decide;
-use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings};
+use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings, clock_input};
 use qv_recording::Run;
 use qv_recording::run::{Base, Measurements, Robot};
 #[cfg(feature = "rapier")]
@@ -154,10 +154,10 @@ impl HiddenRobot {
         robot: &TaskRobot,
         ground: &Ground,
         policy: &Policy,
-        rate: f32,
+        task: &TaskSettings,
         orders: &[Order],
     ) -> Result<Vec<Walk>, ResidualError> {
-        orders.par_iter().map(|order| self.walk(robot, ground, policy, rate, order)).collect()
+        orders.par_iter().map(|order| self.walk(robot, ground, policy, task, order)).collect()
     }
 
     /// How far a policy strays from commanded paths of all six kinds over `seconds`, `count` walks; the seed draws commands and noise.
@@ -183,7 +183,7 @@ impl HiddenRobot {
             seed: (SCORED + seed) * 1000 + k as u64,
         };
         let orders: Vec<Order> = timed.iter().map(|c| c as &[_]).enumerate().map(order).collect();
-        let walks = self.walks(robot, ground, policy, task.rate, &orders)?;
+        let walks = self.walks(robot, ground, policy, task, &orders)?;
         let errors = walks.iter().zip(&wanted).map(|(w, c)| measured(&w.path, *c, seconds, task.rate).1);
         Ok(PathScore::of(&errors.collect::<Vec<_>>()))
     }
@@ -193,10 +193,10 @@ impl HiddenRobot {
         robot: &TaskRobot,
         ground: &Ground,
         policy: &Policy,
-        rate: f32,
+        task: &TaskSettings,
         order: &Order,
     ) -> Result<Walk, ResidualError> {
-        let joints = robot.joints();
+        let (joints, rate) = (robot.joints(), task.rate);
         let mut random = Xoshiro256PlusPlus::of(order.seed, 47, 0);
         let start = self.standing(robot, ground, order.place);
         let mut plant = Plant::new(self, &robot.model, ground, &start)?;
@@ -218,7 +218,8 @@ impl HiddenRobot {
             let sensed = acting.seen(plant.sensors()?);
             let time = k as f32 / rate;
             let command = order.commands.iter().rev().find(|(from, _)| *from <= time).map_or([0.0; 3], |(_, c)| *c);
-            let observation = observation(robot, &sensed, command, &targets, &mut random);
+            let mut observation = observation(robot, &sensed, command, &targets, &mut random);
+            observation.extend(clock_input(task.clock, rate, k, command));
             let mut action = vec![0.0; joints];
             deciding.decide(1, &observation, &mut action)?;
             for j in 0..joints {

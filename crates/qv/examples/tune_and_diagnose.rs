@@ -126,7 +126,7 @@ fn walks(hidden: &HiddenRobot, robot: &TaskRobot, start: &Checkpoint, seed: u64)
         .zip(0u64..)
         .map(|(commands, k)| Order { commands, seconds: SECONDS, place: [0.0; 2], seed: seed * 1000 + k })
         .collect();
-    let walked = hidden.walks(robot, &Ground::plane(), &policy, task.rate, &orders)?;
+    let walked = hidden.walks(robot, &Ground::plane(), &policy, task, &orders)?;
     Ok(walked.into_iter().map(|walk| walk.run).collect())
 }
 

@@ -71,6 +71,7 @@ impl Judge<'_> {
             touching: &feet_seen.touching[..feet],
             outside: feet_seen.outside,
             landing: feet_seen.landing,
+            phase: (self.settings.clock > 0.0).then(|| walker.phase(self.settings.clock, dt)),
             peaks: &feet_seen.peaks[..feet],
             limbs: on(&self.robot.limbs),
             fell,

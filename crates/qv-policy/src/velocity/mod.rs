@@ -50,6 +50,29 @@ pub const OBSERVATION: [(&str, usize); 6] = [
     ("last targets [rad]", 0),
 ];
 
+/// What follows in the observation where there is a clock, see [`TaskSettings::clock`].
+pub const CLOCK: (&str, usize) = ("clock: sine and cosine of its phase, zeros under a command to stand", 2);
+
+/// Parts of the observation with a clock of so many strides a second.
+pub fn observation_parts(clock: f32) -> Vec<(&'static str, usize)> {
+    OBSERVATION.into_iter().chain((clock > 0.0).then_some(CLOCK)).collect()
+}
+
+/// What a policy sees of a clock of `clock` strides a second at some decision of a walk, `rate` decisions a second: nothing where it has none.
+pub fn clock_input(clock: f32, rate: f32, decision: usize, command: [f32; 3]) -> Vec<f32> {
+    let phase = (f64::from(clock) * decision as f64 / f64::from(rate)).rem_euclid(1.0);
+    clock_of(phase as f32, command)[..clock_numbers(clock)].to_vec()
+}
+
+/// Sine and cosine of a phase; zeros under a command to stand, one shorter than 0.01 (m/s and rad/s alike), as in descriptions of policies.
+fn clock_of(phase: f32, command: [f32; 3]) -> [f32; 2] {
+    if command.iter().map(|x| x * x).sum::<f32>() < 1e-4 {
+        return [0.0; 2];
+    }
+    let (sin, cos) = (std::f32::consts::TAU * phase).sin_cos();
+    [sin, cos]
+}
+
 /// Where the command begins in an observation.
 pub const COMMAND_AT: usize = 6;
 
@@ -198,10 +221,15 @@ impl VelocityTask {
     fn begin(&mut self, env: usize) -> Result<(), PolicyError> {
         let walker = &mut self.walkers[env];
         walker.begin();
+        walker.first_phase = 0.0;
         let dt = self.settings.dt();
         let judged = self.judged;
         if !judged {
             walker.draw_command(&self.commands, dt);
+            if self.settings.clock > 0.0 {
+                // Commands come at any phase.
+                walker.first_phase = walker.random.unit();
+            }
         }
         if !judged || self.varied {
             self.draws.draw(env, &mut walker.random, &mut self.batch)?;
@@ -319,6 +347,11 @@ impl VelocityTask {
     }
 }
 
+/// Numbers of an observation that a clock of so many strides a second has.
+pub(crate) fn clock_numbers(clock: f32) -> usize {
+    if clock > 0.0 { 2 } else { 0 }
+}
+
 /// Steps until the next push, exponentially distributed.
 fn push_steps(random: &mut Xoshiro256PlusPlus, settings: &TaskSettings) -> u32 {
     let time = -f64::from(1.0 - random.unit()).ln() * f64::from(settings.randomise.push_every);
@@ -331,7 +364,7 @@ impl VectorEnv for VelocityTask {
     }
 
     fn observations(&self) -> usize {
-        9 + 3 * self.robot.joints()
+        9 + 3 * self.robot.joints() + clock_numbers(self.settings.clock)
     }
 
     fn privileged(&self) -> usize {
@@ -343,11 +376,11 @@ impl VectorEnv for VelocityTask {
     }
 
     fn observation_scaling(&self) -> (Vec<f32>, Vec<f32>) {
-        scaling::observation(&self.robot)
+        scaling::observation(&self.robot, clock_numbers(self.settings.clock))
     }
 
     fn privileged_scaling(&self) -> (Vec<f32>, Vec<f32>) {
-        scaling::privileged(&self.robot)
+        scaling::privileged(&self.robot, clock_numbers(self.settings.clock))
     }
 
     fn observe(&mut self, observations: &mut [f32], privileged: &mut [f32]) {
@@ -356,6 +389,7 @@ impl VectorEnv for VelocityTask {
         let (read, robot, ground, mount) = (&self.read, &self.robot, &self.ground, self.mount);
         let noise = if self.judged { None } else { Some(&self.settings.noise) };
         let targets = &self.targets;
+        let (clock, dt) = (self.settings.clock, self.settings.dt());
         let rows = observations.par_chunks_mut(seen).zip(privileged.par_chunks_mut(known));
         rows.zip(&mut self.walkers).enumerate().with_min_len(16).for_each(|(env, ((row, all), walker))| {
             let q = &read.q[env * (7 + joints)..][..7 + joints];
@@ -375,14 +409,17 @@ impl VectorEnv for VelocityTask {
             row[COMMAND_AT..][..3].copy_from_slice(&walker.command);
             row[9..9 + joints].copy_from_slice(&read.encoder_q[env * joints..][..joints]);
             row[9 + joints..9 + 2 * joints].copy_from_slice(&read.encoder_dq[env * joints..][..joints]);
-            row[9 + 2 * joints..].copy_from_slice(&targets[env * joints..][..joints]);
+            row[9 + 2 * joints..9 + 3 * joints].copy_from_slice(&targets[env * joints..][..joints]);
+            row[9 + 3 * joints..]
+                .copy_from_slice(&clock_of(walker.phase(clock, dt), walker.command)[..seen - 9 - 3 * joints]);
             // The critic knows the true state.
             all[..3].copy_from_slice(&v[3..6]);
             all[3..6].copy_from_slice(&turned_back([q[3], q[4], q[5], q[6]], [0.0, 0.0, -1.0]));
             all[COMMAND_AT..][..3].copy_from_slice(&walker.command);
             all[9..9 + joints].copy_from_slice(&q[7..]);
             all[9 + joints..9 + 2 * joints].copy_from_slice(&v[6..]);
-            all[9 + 2 * joints..seen].copy_from_slice(&targets[env * joints..][..joints]);
+            all[9 + 2 * joints..9 + 3 * joints].copy_from_slice(&targets[env * joints..][..joints]);
+            all[9 + 3 * joints..seen].copy_from_slice(&row[9 + 3 * joints..]);
             let rest = &mut all[seen..];
             rest[..3].copy_from_slice(&turned_back([q[3], q[4], q[5], q[6]], [v[0], v[1], v[2]]));
             rest[3] = q[2] - walker.ground;
@@ -463,7 +500,7 @@ impl VectorEnv for VelocityTask {
     }
 
     fn symmetry(&self) -> Option<Symmetry> {
-        scaling::symmetry(&self.robot)
+        scaling::symmetry(&self.robot, clock_numbers(self.settings.clock))
     }
 
     fn figures(&mut self) -> Vec<(&'static str, f32)> {

@@ -4,7 +4,7 @@ use super::settings::Reward;
 use super::walker::Walker;
 
 /// Names of the terms, in the order in which a step has them.
-pub const TERMS: [&str; 23] = [
+pub const TERMS: [&str; 24] = [
     "velocity",
     "turning",
     "bounce",
@@ -24,6 +24,7 @@ pub const TERMS: [&str; 23] = [
     "clearance",
     "slip",
     "pairs",
+    "clock",
     "limbs",
     "still",
     "steady",
@@ -61,6 +62,8 @@ pub struct RewardInput<'a> {
     pub outside: f32,
     /// Speeds downwards of the feet that landed, summed \[m/s\].
     pub landing: f32,
+    /// Phase of the clock in this step, where there is one: 0 to 1.
+    pub phase: Option<f32>,
     /// Peak forces on the feet in this step, in body weights.
     pub peaks: &'a [f32],
     /// Limbs that touch.
@@ -133,6 +136,7 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &RewardInput, walker: &
         -reward.clearance * clearance.sum::<f32>(),
         -reward.slip * slip.sum::<f32>(),
         -reward.pairs * moving(apart(seen.touching)),
+        -reward.clock * moving(seen.phase.map_or(0.0, |phase| off_beat(seen.touching, phase, reward.clock_duty))),
         -reward.limbs * seen.limbs as f32,
         if standing { -reward.still * still } else { 0.0 },
         reward.steady * steady,
@@ -151,5 +155,35 @@ fn apart(touching: &[bool]) -> f32 {
     match touching {
         [a, b, c, d] => f32::from(a != d) + f32::from(b != c),
         _ => 0.0,
+    }
+}
+
+/// Feet that are on the ground where the clock has them swing, or off it where it has them stand; none for robots without four legs. The first
+/// and the last foot stand for the first `duty` of a stride, the other two half a stride later.
+fn off_beat(touching: &[bool], phase: f32, duty: f32) -> f32 {
+    let stands = |offset: f32| (phase + offset).fract() < duty;
+    match touching {
+        [a, b, c, d] => {
+            let off = |touching: &[&bool], offset: f32| touching.iter().filter(|t| ***t != stands(offset)).count();
+            (off(&[a, d], 0.0) + off(&[b, c], 0.5)) as f32
+        }
+        _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::off_beat;
+
+    #[test]
+    fn feet_across_stand_together_half_a_stride_from_the_others() {
+        let trot = [true, false, false, true];
+        assert_eq!(off_beat(&trot, 0.25, 0.55), 0.0);
+        assert_eq!(off_beat(&trot, 0.75, 0.55), 4.0);
+        // Both pairs stand for a twentieth of a stride.
+        assert_eq!(off_beat(&[true; 4], 0.52, 0.55), 0.0);
+        assert_eq!(off_beat(&[true; 4], 0.25, 0.55), 2.0);
+        assert_eq!(off_beat(&[false; 4], 0.25, 0.55), 2.0);
+        assert_eq!(off_beat(&[true, false], 0.25, 0.55), 0.0, "two legs have no trot");
     }
 }

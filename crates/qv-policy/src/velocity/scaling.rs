@@ -8,8 +8,8 @@ use crate::symmetry::{MirrorMap, Symmetry};
 pub(super) const SCAN: [[f32; 2]; 9] =
     [[0.4, 0.2], [0.4, 0.0], [0.4, -0.2], [0.2, 0.0], [-0.2, 0.0], [-0.4, 0.2], [-0.4, -0.2], [0.0, 0.2], [0.0, -0.2]];
 
-/// Offset and scale of what the policy sees, see [`super::OBSERVATION`].
-pub(super) fn observation(robot: &TaskRobot) -> (Vec<f32>, Vec<f32>) {
+/// Offset and scale of what the policy sees, see [`super::OBSERVATION`], with so many numbers of a clock.
+pub(super) fn observation(robot: &TaskRobot, clock: usize) -> (Vec<f32>, Vec<f32>) {
     let joints = robot.joints();
     let mut offset = vec![0.0; 9];
     // Turning rates of one, speeds of twenty are usual: legged_gym's scales. Commands are larger, so that zero is not nearly zero.
@@ -20,13 +20,15 @@ pub(super) fn observation(robot: &TaskRobot) -> (Vec<f32>, Vec<f32>) {
     scale.extend(vec![0.05; joints]);
     offset.extend(&robot.stand);
     scale.extend(robot.action_scale.iter().map(|s| 1.0 / s));
+    offset.extend(vec![0.0; clock]);
+    scale.extend(vec![1.0; clock]);
     (offset, scale)
 }
 
 /// Offset and scale of what the critic sees: the observation, the base's velocity and height, for the feet touch, times in the air and on the
 /// ground and duty factors, heights of the ground.
-pub(super) fn privileged(robot: &TaskRobot) -> (Vec<f32>, Vec<f32>) {
-    let (mut offset, mut scale) = observation(robot);
+pub(super) fn privileged(robot: &TaskRobot, clock: usize) -> (Vec<f32>, Vec<f32>) {
+    let (mut offset, mut scale) = observation(robot, clock);
     offset.extend([0.0, 0.0, 0.0, robot.height]);
     scale.extend([2.0, 2.0, 2.0, 5.0]);
     offset.extend(vec![0.0; 4 * robot.feet.len()]);
@@ -37,11 +39,13 @@ pub(super) fn privileged(robot: &TaskRobot) -> (Vec<f32>, Vec<f32>) {
 }
 
 /// Mirror images, where the robot is its own.
-pub(super) fn symmetry(robot: &TaskRobot) -> Option<Symmetry> {
+pub(super) fn symmetry(robot: &TaskRobot, clock: usize) -> Option<Symmetry> {
     let RobotMirror { joints, feet } = robot.mirror().ok()?;
     // Roll, yaw, what is to the left and turning change their signs.
     let mut observation = MirrorMap::in_place(&[-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0]);
     (0..3).for_each(|_| observation.append(&joints));
+    // The clock is half a stride on, which changes the signs of sine and cosine.
+    observation.append(&MirrorMap::in_place(&vec![-1.0; clock]));
     let mut privileged = observation.clone();
     privileged.append(&MirrorMap::in_place(&[1.0, -1.0, 1.0, 1.0]));
     (0..4).for_each(|_| privileged.append(&MirrorMap::permuted(&feet)));

@@ -16,6 +16,8 @@ pub struct TaskSettings {
     pub iterations: usize,
     /// Length of an episode \[s\].
     pub episode: f32,
+    /// Strides a second of the clock that the policy sees \[Hz\]; 0: it sees none.
+    pub clock: f32,
     /// What is commanded.
     pub commands: Commands,
     /// What is rewarded.
@@ -38,6 +40,7 @@ impl Default for TaskSettings {
             substeps: 4,
             iterations: 8,
             episode: 20.0,
+            clock: 1.65,
             commands: Commands::default(),
             reward: Reward::default(),
             ends: Ends::default(),
@@ -87,7 +90,7 @@ impl Default for Commands {
             wz: [-1.0, 1.0],
             every: 4.0,
             stand: 0.15,
-            gap: 0.15,
+            gap: 0.1,
             single_axis: 0.4,
             single_axis_from: 0,
         }
@@ -157,8 +160,14 @@ pub struct Reward {
     pub clearance_height: f32,
     /// Squared horizontal speed of feet on the ground.
     pub slip: f32,
-    /// For each pair of feet across (first and last leg, second and third) that are not together on or off the ground.
+    /// For each pair of feet across (first and last leg, second and third) that are not together on or off the ground; what the clock says, too.
     pub pairs: f32,
+    /// While the command says move, for each foot: that it is on the ground where the clock has it swing, or off it where it has it stand
+    /// (Siekmann et al. 2021, with an indicator of contact instead of forces and speeds). Feet across are together, the two pairs half a
+    /// stride apart. Without effect where there is no clock.
+    pub clock: f32,
+    /// Share of a stride that the clock has a foot stand.
+    pub clock_duty: f32,
     /// For each limb that touches the ground.
     pub limbs: f32,
     /// While the command says stand: for each foot off the ground, and squared speed of the joints (times 0.02).
@@ -219,9 +228,9 @@ fn risen([from, to]: [u64; 2], epoch: u64) -> f32 {
 impl Default for Reward {
     fn default() -> Self {
         Self {
-            velocity: 4.0,
+            velocity: 6.0,
             velocity_width: 0.08,
-            turning: 2.0,
+            turning: 3.0,
             turning_width: 0.08,
             bounce: 2.0,
             sway: 0.05,
@@ -247,10 +256,12 @@ impl Default for Reward {
             clearance: 3.0,
             clearance_height: 0.25,
             slip: 0.1,
-            pairs: 0.3,
+            pairs: 0.0,
+            clock: 1.5,
+            clock_duty: 0.54,
             limbs: 0.5,
             still: 2.0,
-            steady: 0.0,
+            steady: 1.0,
             steady_width: 0.05,
             steady_time: 0.8,
             fall: 10.0,
@@ -369,6 +380,8 @@ impl TaskSettings {
         within("rate", self.rate, 1.0, 1000.0)?;
         within("substeps", self.substeps as f32, 1.0, 1000.0)?;
         within("iterations", self.iterations as f32, 1.0, 1000.0)?;
+        within("clock", self.clock, 0.0, 0.5 * self.rate)?;
+        within("reward.clock_duty", self.reward.clock_duty, 0.0, 1.0)?;
         within("episode", self.episode, 2.0 / self.rate, 1e4)?;
         within("commands.every", self.commands.every, 1.0 / self.rate, 1e4)?;
         within("commands.stand", self.commands.stand, 0.0, 1.0)?;

@@ -14,6 +14,8 @@ pub struct Walker {
     pub command_steps: u32,
     /// Steps of the episode.
     pub steps: u32,
+    /// Phase of the clock when the episode began, in strides.
+    pub first_phase: f32,
     /// Steps until a push.
     pub push_steps: u32,
     /// The last action and the one before.
@@ -54,6 +56,7 @@ impl Walker {
             command: [0.0; 3],
             command_steps: 0,
             steps: 0,
+            first_phase: 0.0,
             push_steps: 0,
             action: vec![0.0; joints],
             action_before: vec![0.0; joints],
@@ -75,6 +78,13 @@ impl Walker {
     /// Whether the command says: stand.
     pub fn stands(&self) -> bool {
         self.command == [0.0; 3]
+    }
+
+    /// Phase of a clock of so many strides a second, decisions `dt` apart: 0 to 1.
+    pub fn phase(&self, clock: f32, dt: f32) -> f32 {
+        // In double precision, so that a long walk's phase is exact.
+        let strides = f64::from(clock) * f64::from(self.steps) * f64::from(dt) + f64::from(self.first_phase);
+        strides.rem_euclid(1.0) as f32
     }
 
     /// Draws a command.

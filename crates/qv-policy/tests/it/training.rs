@@ -8,7 +8,7 @@ use qv_policy::policy::PolicyFile;
 use qv_policy::ppo::PpoSettings;
 use qv_policy::score::{Decide, score};
 use qv_policy::train::{Checkpoint, TrainSettings, Training};
-use qv_policy::velocity::{Commands, Ground, Randomise, RobotFile, TaskRobot, TaskSettings, VelocityTask};
+use qv_policy::velocity::{Commands, Ground, Randomise, RobotFile, TaskRobot, TaskSettings, VelocityTask, clock_input};
 use std::path::Path;
 
 fn small(seed: u64) -> TrainSettings {
@@ -145,8 +145,10 @@ fn settings_that_mean_nothing_are_named() {
 
 #[test]
 fn the_mirror_of_a_stand_is_that_stand_under_the_mirrored_command() {
+    // Half a stride is 20 decisions.
+    let settings = TaskSettings { clock: 1.25, ..Default::default() };
     let see = |command: [f32; 3]| {
-        let mut task = VelocityTask::new(go2(), Ground::plane(), TaskSettings::default(), 1).unwrap();
+        let mut task = VelocityTask::new(go2(), Ground::plane(), settings.clone(), 1).unwrap();
         task.judged = true;
         task.restart(0, 0).unwrap();
         task.command(0, command);
@@ -155,7 +157,11 @@ fn the_mirror_of_a_stand_is_that_stand_under_the_mirrored_command() {
         (seen, known, task.symmetry().unwrap())
     };
     let (seen, known, symmetry) = see([0.5, 0.2, 0.3]);
-    let (left_seen, left_known, _) = see([0.5, -0.2, -0.3]);
+    let (mut left_seen, mut left_known, _) = see([0.5, -0.2, -0.3]);
+    // The image of a clock is half a stride on.
+    let clock = clock_input(1.25, 50.0, 20, [0.5, -0.2, -0.3]);
+    assert_eq!(seen[45..], [0.0, 1.0]);
+    [&mut left_seen, &mut left_known].into_iter().for_each(|row| row[45..47].copy_from_slice(&clock));
     for (map, row, expected) in
         [(&symmetry.observation, &seen, &left_seen), (&symmetry.privileged, &known, &left_known)]
     {
@@ -256,11 +262,12 @@ fn policies_of_other_robots_and_damaged_files_are_named() {
     assert_eq!(PolicyFile::parse(&good.to_text().unwrap()).unwrap(), good);
     good.check(&robot).unwrap();
     type Change = fn(&mut PolicyFile);
-    let changes: [(Change, &str); 5] = [
+    let changes: [(Change, &str); 6] = [
         (|f| f.robot = "go1".into(), "one of go1"),
         (|f| f.action_scale.clear(), "action_scale"),
         (|f| f.kp[3] = f32::NAN, "kp"),
         (|f| f.timestep = 0.0, "timestep"),
+        (|f| f.clock = -1.0, "clock"),
         (|f| f.joints.swap(0, 1), "FR_hip_joint"),
     ];
     for (change, named) in changes {
@@ -269,6 +276,47 @@ fn policies_of_other_robots_and_damaged_files_are_named() {
         let error = file.check(&robot).unwrap_err().to_string();
         assert!(error.contains("policy.toml") && error.contains(named), "{named}: {error}");
     }
+}
+
+#[test]
+fn files_of_earlier_versions_have_no_clock() {
+    let robot = go2();
+    let text = PolicyFile::new(&robot, &TaskSettings::default(), "plane", None).to_text().unwrap();
+    assert!(text.contains("clock = 1."), "{text}");
+    let old: Vec<&str> = text.lines().filter(|line| !line.starts_with("clock = ")).collect();
+    assert_eq!(PolicyFile::parse(&old.join("\n")).unwrap().clock, 0.0);
+    let mut settings = small(1);
+    settings.task.clock = 0.0;
+    let kept = Training::new(&robot, &Ground::plane(), &settings).unwrap().checkpoint().clone();
+    let bytes = kept.to_bytes().unwrap();
+    let end = bytes.iter().position(|&b| b == b'\n').unwrap();
+    let header = std::str::from_utf8(&bytes[..end]).unwrap();
+    // The first one is the task's; the reward's weight stays.
+    let old = header.replacen("\"clock\":0.0,", "", 1);
+    assert_eq!(old.len() + 12, header.len());
+    let read = Checkpoint::from_bytes(&[old.as_bytes(), &bytes[end..]].concat()).unwrap();
+    assert_eq!(read, kept);
+}
+
+#[test]
+fn a_clock_runs_while_the_robot_is_commanded_to_move() {
+    let settings = TaskSettings { clock: 1.25, ..Default::default() };
+    let mut task = VelocityTask::new(go2(), Ground::plane(), settings, 1).unwrap();
+    task.judged = true;
+    task.restart(0, 0).unwrap();
+    let (mut seen, mut known) = (vec![0.0; task.observations()], vec![0.0; task.privileged()]);
+    assert_eq!(seen.len(), 47);
+    for decision in 0..60 {
+        let command = if decision < 40 { [0.5, 0.0, 0.0] } else { [0.0; 3] };
+        task.command(0, command);
+        task.observe(&mut seen, &mut known);
+        let expected = clock_input(1.25, 50.0, decision, command);
+        assert!(seen[45..].iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-5), "{decision}: {seen:?}");
+        assert_eq!(seen[45..], known[45..47]);
+        task.step(&[0.0; 12], &mut [0.0], &mut [End::No]).unwrap();
+    }
+    assert_eq!(seen[45..], [0.0, 0.0]);
+    assert!(clock_input(0.0, 50.0, 7, [0.5, 0.0, 0.0]).is_empty());
 }
 
 /// Holds the stand, or throws the robot over.

@@ -162,7 +162,11 @@ fn standing(seconds: f32) -> Run {
         Training::new(&robot, &Ground::plane(), &TrainSettings { robots: 16, ..Default::default() }).unwrap();
     let order = Order { commands: &[(0.0, [0.0; 3])], seconds, place: [0.0; 2], seed: 1 };
     let hidden = HiddenRobot::nothing(Engine::Ours);
-    hidden.walks(&robot, &Ground::plane(), &training.policy(), 50.0, &[order]).unwrap().remove(0).run
+    hidden
+        .walks(&robot, &Ground::plane(), &training.policy(), &TaskSettings::default(), &[order])
+        .unwrap()
+        .remove(0)
+        .run
 }
 
 #[test]

@@ -57,7 +57,8 @@ impl Play {
         let (mut policy, file) = policy_of(&self.policy)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
         let substeps = (1.0 / (f64::from(file.rate) * file.timestep)).round() as usize;
-        let settings = TaskSettings { rate: file.rate, substeps, episode: 1e4, ..Default::default() };
+        let settings =
+            TaskSettings { rate: file.rate, clock: file.clock, substeps, episode: 1e4, ..Default::default() };
         let mut task = VelocityTask::new(robot.clone(), ground_of(&self.terrain.name, self.seed)?, settings, 1)?;
         let seconds = self.seconds as f32;
         let each = seconds / self.command.len().max(1) as f32;

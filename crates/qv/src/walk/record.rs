@@ -73,7 +73,7 @@ impl Record {
         // A few at a time: recordings are large.
         let (mut written, decisions) = (0u64, (seconds * walked.task.rate) as usize);
         for orders in orders.chunks(8) {
-            for walk in hidden.walks(robot, ground, &walked.policy, walked.task.rate, orders)? {
+            for walk in hidden.walks(robot, ground, &walked.policy, &walked.task, orders)? {
                 bar.inc(1);
                 // Who lets a robot walk catches it when it falls, and begins again.
                 if walk.path.len() < decisions {

@@ -65,7 +65,7 @@ impl ScoreArguments {
         let (mut policy, file) = policy_of(&self.policy)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
         let ground = ground_of(&self.terrain.name, self.seed)?;
-        let mut settings = TaskSettings { rate: file.rate, episode: 1e4, ..Default::default() };
+        let mut settings = TaskSettings { rate: file.rate, clock: file.clock, episode: 1e4, ..Default::default() };
         settings.substeps =
             self.substeps.unwrap_or_else(|| (1.0 / (f64::from(file.rate) * file.timestep)).round() as usize);
         if self.substeps.is_some() {
