@@ -32,16 +32,16 @@ EFFECTS = {
     "motor_gain_kp": {"actuator.*.kp_scale": 0.8},
     "motor_gain_kd": {"actuator.*.kd_scale": 0.5},
     "torque_limit": {"actuator.*.torque_limit": 0.6},
+    "quadratic_drag": {"joint.*.quadratic_drag": 0.08},
+    "joint_spring": {"joint.*.spring_stiffness": 1.0},
     "link_inertia": {"link.lower.inertia_scale": 4.0},
 }
 #: Effects that it cannot express; the page says what to do instead.
 OTHERS = {
     "actuator_lag": {"actuator.*.lag": 0.015},
-    "joint_spring": {"joint.*.spring_stiffness": 1.0},
     "constant_torque": {"joint.*.constant_torque": 0.3},
     "encoder_bias": {"sensor.*.encoder_bias": 0.03},
     "series_compliance": {"actuator.*.series_compliance": 0.02},
-    "quadratic_drag": {"joint.*.quadratic_drag": 0.1},
     "backlash": {"actuator.*.backlash": 0.03},
 }
 
