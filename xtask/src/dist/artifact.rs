@@ -1,6 +1,5 @@
 //! The files that are given away, one for each processor and kind.
 
-use super::version;
 use crate::workspace::Workspace;
 use anyhow::{Context, Result};
 use std::fs;
@@ -61,7 +60,7 @@ impl Artifact {
     /// # Errors
     /// The workspace states no version.
     pub fn program(self, workspace: &Workspace, folder: &Path) -> Result<PathBuf> {
-        Ok(folder.join(format!("qv-{}-linux-{}", version(workspace)?, self.processor())))
+        Ok(folder.join(format!("qv-{}-linux-{}", workspace.version()?, self.processor())))
     }
 
     /// The file that was built before, if it was.
@@ -72,7 +71,7 @@ impl Artifact {
         if !self.is_wheel() {
             return Ok(Some(self.program(workspace, folder)?).filter(|path| path.is_file()));
         }
-        let start = format!("quadverse-{}-", version(workspace)?);
+        let start = format!("quadverse-{}-", workspace.version()?);
         let end = format!("_{}.whl", self.processor());
         let Ok(entries) = fs::read_dir(folder) else { return Ok(None) };
         for entry in entries {

@@ -8,7 +8,7 @@ mod sums;
 mod system;
 
 use crate::workspace::Workspace;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use artifact::Artifact;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -61,12 +61,4 @@ fn report_size(file: &Path) -> Result<bool> {
     let remark = if fits { "" } else { ", more than allowed" };
     println!("{name}: {:.1} of {} MB{remark}", bytes as f64 / 1e6, LARGEST / 1_000_000);
     Ok(fits)
-}
-
-/// Version of the workspace, as the names of files have it.
-fn version(workspace: &Workspace) -> Result<&str> {
-    match workspace.members().find(|package| package.name == "quadverse") {
-        Some(package) => Ok(&package.version),
-        None => bail!("cannot name the files: the workspace has no package 'quadverse'"),
-    }
 }

@@ -1,7 +1,6 @@
 //! A list of what is inside (CycloneDX 1.5, JSON), from what cargo resolves.
 
 use super::build::FEATURES;
-use super::version;
 use crate::process;
 use crate::workspace::Workspace;
 use anyhow::{Context, Result};
@@ -73,7 +72,7 @@ pub fn write(workspace: &Workspace, folder: &Path) -> Result<()> {
     for platform in PLATFORMS {
         add(&mut graph, &metadata(platform)?);
     }
-    let version = version(workspace)?;
+    let version = workspace.version()?;
     let file = folder.join(format!("quadverse-{version}.cdx.json"));
     let beside = file.with_extension("part");
     let text = format!("{:#}\n", document(&graph, version));

@@ -1,6 +1,7 @@
 //! `qv report`: what reconstruction, mesh, contact, replay and diagnosis left, on one page.
 
 mod ground;
+mod json_file;
 mod page;
 mod parts;
 mod reproduce;
@@ -9,6 +10,7 @@ use crate::ground::mesh_at;
 use crate::outcome::about;
 use crate::output::put;
 use crate::{Failure, Outcome, say};
+use json_file::read_json;
 use parts::Parts;
 use qv_camera::html::section;
 use qv_core::TriangleMesh;
@@ -174,16 +176,6 @@ impl Report {
             false => say(&format!("written to {}\n", out.display()))?,
         }
         Ok(Outcome::Done)
-    }
-}
-
-/// A report, which has at least the given key.
-fn read_json(path: &Path, key: &str) -> Result<Value, Failure> {
-    let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected a report, found {e}")))?;
-    let value: Value = serde_json::from_str(&text).map_err(|e| about(path, format!("expected JSON, found {e}")))?;
-    match value.get(key) {
-        Some(_) => Ok(value),
-        None => Err(about(path, format!("expected a report with `{key}`, found none"))),
     }
 }
 

@@ -1,6 +1,6 @@
 //! `qv report --reproduce DIR`: the same diagnosis once more, from what its report states, and whether it gives the same bits.
 
-use super::read_json;
+use super::json_file::read_json;
 use crate::config::with_value;
 use crate::outcome::about;
 use crate::provenance::provenance;
