@@ -144,7 +144,7 @@ impl Report {
     fn render(&self, file: &Path, out: &Path) -> Result<Outcome, Failure> {
         let text = fs::read_to_string(file).map_err(|e| about(file, format!("expected evidence, found {e}")))?;
         let beside = out.with_extension("json");
-        if beside == self.out {
+        if beside == out {
             return Err(about(out, "expected a page such as report.html, found a name that report.json takes"));
         }
         if fs::canonicalize(&beside).is_ok_and(|path| fs::canonicalize(file).is_ok_and(|input| input == path)) {
