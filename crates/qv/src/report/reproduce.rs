@@ -143,21 +143,22 @@ fn compare(place: &str, before: &Value, after: &Value, found: &mut Vec<String>) 
         (Value::Array(a), Value::Array(b)) => {
             found.push(format!("{place}: {} entries before, {} now", a.len(), b.len()));
         }
-        // As they are written: the shortest text of a number has its bits, and the sign of zero.
-        _ if before.to_string() != after.to_string() => {
-            found.push(format!("{place}: {} before, {} now", shortened(before), shortened(after)));
+        _ => {
+            // As they are written: the shortest text of a number has its bits, and the sign of zero.
+            let [a, b] = [before, after].map(ToString::to_string);
+            if a != b {
+                found.push(format!("{place}: {} before, {} now", shortened(&a), shortened(&b)));
+            }
         }
-        _ => {}
     }
 }
 
 /// A value in a few words.
-fn shortened(value: &Value) -> String {
+fn shortened(text: &str) -> String {
     const MOST: usize = 60;
-    let text = value.to_string();
     match text.char_indices().nth(MOST) {
         Some((end, _)) => format!("{}...", &text[..end]),
-        None => text,
+        None => text.into(),
     }
 }
 
