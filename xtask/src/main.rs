@@ -5,6 +5,7 @@ mod axe;
 mod bench;
 mod blind;
 mod book;
+mod dist;
 mod fuzz;
 mod golden;
 mod guides;
@@ -69,6 +70,8 @@ enum Chore {
     Withheld(withheld::Withheld),
     /// Build the wheel of the Python package, install it in an environment under target/, and run its tests
     Python(wheel::Python),
+    /// Build what is given away: wheels and static programs for Linux, hashes, a list of what is inside; or check them
+    Dist(dist::Dist),
     /// Build and test the node for ROS 2, which no other build knows
     Ros2,
     /// Check what is linked against known advisories, where their database can be had (needs cargo-deny)
@@ -105,6 +108,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Blind(blind) => blind::run(&workspace, &blind),
         Chore::Withheld(asked) => withheld::run(&workspace, &asked),
         Chore::Python(how) => wheel::run(&workspace, &how),
+        Chore::Dist(how) => dist::run(&workspace, &how),
         Chore::Ros2 => ros2::run(&workspace),
         Chore::Advisories => advisories::run(&workspace),
         Chore::Kills { each } => kills::run(&workspace, each),

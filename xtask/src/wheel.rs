@@ -24,6 +24,9 @@ pub struct Python {
     /// Installs Rerun (a hundred megabytes), too, and so tests that it reads what a replay writes
     #[arg(long)]
     rerun: bool,
+    /// Installs MuJoCo, too, and so tests that it moves as the robot with what a diagnosis exports
+    #[arg(long)]
+    mujoco: bool,
     /// Runs the tests that take minutes, too
     #[arg(long)]
     slow: bool,
@@ -49,7 +52,9 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
         program(workspace, how.release)?;
         installed(workspace, how.release)?
     };
-    for (wanted, file) in [(how.rsl_rl, "rsl_rl.txt"), (how.ray, "ray.txt"), (how.rerun, "rerun.txt")] {
+    let extras =
+        [(how.rsl_rl, "rsl_rl.txt"), (how.ray, "ray.txt"), (how.rerun, "rerun.txt"), (how.mujoco, "mujoco.txt")];
+    for (wanted, file) in extras {
         if wanted {
             let pinned = workspace.workspace_root.join("fixtures/python").join(file);
             process::run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&pinned))?;
@@ -109,11 +114,19 @@ fn program(workspace: &Workspace, release: bool) -> Result<()> {
     build.args(["build", "--quiet", "--package", "quadverse", "--locked"]);
     build.args(["--profile", if release { "release" } else { "dev" }]);
     process::run(&mut build)?;
-    let name = programs::file("qv");
-    let built = workspace.target_directory.join(if release { "release" } else { "debug" }).join(&name);
+    let folder = if release { "release" } else { "debug" };
+    let built = workspace.target_directory.join(folder).join(programs::file("qv"));
+    lay_program(workspace, &built)
+}
+
+/// Lays a program where maturin takes scripts of the wheel from.
+///
+/// # Errors
+/// It cannot be copied.
+pub fn lay_program(workspace: &Workspace, program: &Path) -> Result<()> {
     let scripts = workspace.workspace_root.join("python/quadverse._quadverse.data/scripts");
     fs::create_dir_all(&scripts).with_context(|| format!("making {}", scripts.display()))?;
-    fs::copy(&built, scripts.join(&name)).with_context(|| format!("copying {}", built.display()))?;
+    fs::copy(program, scripts.join(programs::file("qv"))).with_context(|| format!("copying {}", program.display()))?;
     Ok(())
 }
 
@@ -141,7 +154,11 @@ pub fn installed(workspace: &Workspace, release: bool) -> Result<PathBuf> {
     Ok(python)
 }
 
-fn only_wheel(folder: &Path) -> Result<PathBuf> {
+/// The wheel that lies alone in a folder.
+///
+/// # Errors
+/// There is none, or there are several.
+pub fn only_wheel(folder: &Path) -> Result<PathBuf> {
     let entries = fs::read_dir(folder).with_context(|| format!("reading {}", folder.display()))?;
     let is_wheel = |path: &PathBuf| path.extension().is_some_and(|e| e == "whl");
     let found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_wheel).collect();

@@ -118,6 +118,15 @@ impl Workspace {
         serde_json::from_str(&json).context("cargo metadata: unexpected shape")
     }
 
+    /// The version that all packages of the workspace have.
+    ///
+    /// # Errors
+    /// There is no command line among them.
+    pub fn version(&self) -> Result<&str> {
+        let package = self.members().find(|package| package.name == "quadverse");
+        package.map(|package| package.version.as_str()).context("the workspace has no package 'quadverse'")
+    }
+
     /// Packages of the workspace itself.
     pub fn members(&self) -> impl Iterator<Item = &Package> {
         self.packages.iter().filter(|package| self.workspace_members.contains(&package.id))

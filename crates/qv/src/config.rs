@@ -81,6 +81,21 @@ pub fn without(words: Vec<String>, options: &[&str]) -> Vec<String> {
     kept
 }
 
+/// Words with another value for a long option.
+pub fn with_value(mut words: Vec<String>, option: &str, value: &str) -> Vec<String> {
+    for k in 0..words.len() {
+        if long_of(&words[k]) != Some(option) {
+            continue;
+        }
+        if words[k].contains('=') {
+            words[k] = format!("--{option}={value}");
+        } else if k + 1 < words.len() {
+            words[k + 1] = value.into();
+        }
+    }
+    words
+}
+
 /// Commands that take no option of a file.
 const OF_SHELLS: [&str; 3] = ["help", "completions", "man"];
 /// Words with which no file is read.
@@ -298,6 +313,14 @@ mod tests {
     fn words_are_quoted_as_a_shell_reads_them() {
         let words = ["walk", "--vx=-1,1", "a b", "it's $HOME;", ""].map(String::from);
         assert_eq!(typed(&words), "walk --vx=-1,1 'a b' 'it'\\''s $HOME;' ''");
+    }
+
+    #[test]
+    fn the_value_of_an_option_is_replaced_in_its_place() {
+        let words = |text: &str| text.split(' ').map(String::from).collect::<Vec<_>>();
+        let found = with_value(words("diagnose --reference a b --out why run.mcap"), "out", "x y");
+        assert_eq!(found.join("|"), "diagnose|--reference|a|b|--out|x y|run.mcap");
+        assert_eq!(with_value(words("diagnose run --out=why"), "out", "new").join(" "), "diagnose run --out=new");
     }
 
     /// Words with a file in a folder `lab`, called from `lab/day`.

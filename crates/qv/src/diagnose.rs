@@ -206,7 +206,8 @@ impl Diagnose {
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
         let stage = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
-        let read = self.runs.iter().chain(&self.reference).map(PathBuf::as_path).chain([Path::new(&self.terrain)]);
+        let recordings = self.runs.iter().chain(&self.reference).chain(&self.validate);
+        let read = recordings.map(PathBuf::as_path).chain([Path::new(&self.terrain)]);
         let read = read.chain(self.params.as_deref()).chain(self.library.as_deref()).chain(self.scene.as_deref());
         let read = read.chain(self.camera.as_deref()).chain(self.reading.robot_file());
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();

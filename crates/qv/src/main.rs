@@ -1,4 +1,4 @@
-//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 4 a robot changed (`qv drift`), 130 stopped.
+//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 4 a robot or a report changed (`qv drift`, `qv report --reproduce`), 130 stopped.
 
 mod ask;
 #[cfg(test)]

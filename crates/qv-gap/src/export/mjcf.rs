@@ -9,9 +9,10 @@ use qv_page::escape;
 use qv_sim::{Model, Shape, SimOptions};
 use std::fmt::Write;
 
-/// Fields that a joint's class says, with MJCF's names.
-const JOINT: [(&str, &str); 3] =
-    [("armature", "armature"), ("viscous_friction", "damping"), ("coulomb_friction", "frictionloss")];
+/// Fields that a joint's class says.
+const JOINT: [&str; 4] = ["armature", "viscous_friction", "coulomb_friction", "quadratic_drag"];
+/// A spring that a joint's class says where it pulls to zero without slack: MuJoCo's `springref` is in the unit of the user's file.
+const SPRING: [&str; 3] = ["spring_stiffness", "spring_rest", "spring_slack"];
 /// Fields of a motor that go into its class when its gains are known.
 const MOTOR: [&str; 4] = ["strength", "kp_scale", "kd_scale", "torque_limit"];
 /// Shortest time step that a delayed command is kept for \[s\]: MuJoCo keeps samples, one a step.
@@ -109,6 +110,9 @@ fn how_to(classes: &[String], grounds: &[String]) -> String {
             "       Delays of commands need MuJoCo 3.5 or later, and a time step of {LEAST_STEP} s or more.\n"
         );
     }
+    if classes.iter().any(|class| has_drag(class)) {
+        text += "       The second number of damping, per squared speed, needs MuJoCo 4.\n";
+    }
     if !grounds.is_empty() {
         text += "       Give the floor class=\"calibrated_ground\": its priority makes its contact parameters hold, \
                  whatever the feet say.\n";
@@ -116,10 +120,17 @@ fn how_to(classes: &[String], grounds: &[String]) -> String {
     text + "  -->\n"
 }
 
+/// Whether a class has two numbers of damping.
+fn has_drag(class: &str) -> bool {
+    class
+        .split_once(" damping=\"")
+        .and_then(|(_, rest)| rest.split_once('"'))
+        .is_some_and(|(value, _)| value.contains(' '))
+}
+
 /// The class of a joint and its motor; `None` when nothing about them is corrected that MJCF can say.
 fn joint_class(corrected: &ModelCorrections, j: usize, gains: Option<(f64, f64)>) -> Option<String> {
-    let set = |(field, name): &(&str, &str)| Some(format!(" {name}=\"{}\"", short(corrected.joint(j, field)?)));
-    let joint: String = JOINT.iter().filter_map(set).collect();
+    let joint = joint_attributes(corrected, j);
     let motor = motor(corrected, j, gains).unwrap_or_default();
     if joint.is_empty() && motor.is_empty() {
         return None;
@@ -127,6 +138,31 @@ fn joint_class(corrected: &ModelCorrections, j: usize, gains: Option<(f64, f64)>
     let joint = if joint.is_empty() { joint } else { format!("      <joint{joint}/>\n") };
     let name = escape(&corrected.model.joints[j].name);
     Some(format!("    <default class=\"calibrated_{name}\">\n{joint}{motor}    </default>\n"))
+}
+
+fn joint_attributes(corrected: &ModelCorrections, j: usize) -> String {
+    let set = |field: &str, name: &str| {
+        corrected.joint(j, field).map_or(String::new(), |value| format!(" {name}=\"{}\"", short(value)))
+    };
+    let damping = match corrected.joint(j, "quadratic_drag") {
+        None => set("viscous_friction", "damping"),
+        Some(drag) => {
+            let nominal = corrected.model.joints[j].viscous_friction;
+            let viscous = corrected.joint(j, "viscous_friction").unwrap_or(nominal);
+            format!(" damping=\"{} {}\"", short(viscous), short(drag))
+        }
+    };
+    let spring = match has_plain_spring(corrected, j) {
+        true => set("spring_stiffness", "stiffness") + " springref=\"0\"",
+        false => String::new(),
+    };
+    [set("armature", "armature"), damping, set("coulomb_friction", "frictionloss"), spring].concat()
+}
+
+/// Whether a spring is corrected that pulls to zero without slack.
+fn has_plain_spring(corrected: &ModelCorrections, j: usize) -> bool {
+    let [stiffness, rest, slack] = SPRING.map(|field| corrected.joint(j, field));
+    stiffness.is_some() && rest.unwrap_or(0.0) == 0.0 && slack.unwrap_or(0.0) == 0.0
 }
 
 /// The motor's element: a position servo with the gains as they act, or a torque motor where both gains are zero.
@@ -277,7 +313,8 @@ fn is_said(corrected: &ModelCorrections, entry: &Entry, gains: impl Fn(usize) ->
             let limit = entry.field == "torque_limit";
             let motor =
                 entry.field == "command_latency" || (MOTOR.contains(&entry.field) && (limit || gains(j).is_some()));
-            JOINT.iter().any(|(field, _)| *field == entry.field) || motor
+            let spring = SPRING.contains(&entry.field) && has_plain_spring(corrected, j);
+            JOINT.contains(&entry.field) || spring || motor
         }
         CorrectionTarget::Link(l) => corrected.body(l).is_some() && entry.field != "length_scale",
         CorrectionTarget::Geom(g) => {

@@ -30,6 +30,15 @@ fn command(tick: usize) -> [f64; 2] {
     [0.6 * (3.1 * time).sin() + 0.2 * (9.3 * time).sin(), 0.5 * (5.1 * time).sin()]
 }
 
+/// Effects that only MJCF expresses.
+fn effects_of_mjcf() -> Vec<(&'static str, Vec<(&'static str, f64)>)> {
+    let both = |of: [&'static str; 2], value: f64| of.map(|name| (name, value)).to_vec();
+    vec![
+        ("drag", both(["joint.shoulder.quadratic_drag", "joint.elbow.quadratic_drag"], 0.08)),
+        ("spring", both(["joint.shoulder.spring_stiffness", "joint.elbow.spring_stiffness"], 2.0)),
+    ]
+}
+
 /// Effects of the arm by the parameters that they move.
 fn effects() -> Vec<(&'static str, Vec<(&'static str, f64)>)> {
     let both = |of: [&'static str; 2], value: f64| of.map(|name| (name, value)).to_vec();
@@ -167,7 +176,7 @@ fn mujoco_with_the_fragment_moves_as_the_robot_with_the_effect() {
     let nominal = run("nominal", &[]);
     let same = rms(&moves(&model, &[]), &nominal);
     assert!(same < 1e-3, "the nominal arms are {same} rad apart");
-    for (name, parameters) in effects() {
+    for (name, parameters) in effects().into_iter().chain(effects_of_mjcf()) {
         let share = closed(&moves(&model, &parameters), &nominal, &run(name, &corrections(&parameters)));
         println!("{name}: {share:.3}");
         assert!(share >= CLOSES, "{name}: the fragment closes {share}");

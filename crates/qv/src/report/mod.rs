@@ -1,13 +1,16 @@
 //! `qv report`: what reconstruction, mesh, contact, replay and diagnosis left, on one page.
 
 mod ground;
+mod json_file;
 mod page;
 mod parts;
+mod reproduce;
 
 use crate::ground::mesh_at;
 use crate::outcome::about;
 use crate::output::put;
 use crate::{Failure, Outcome, say};
+use json_file::read_json;
 use parts::Parts;
 use qv_camera::html::section;
 use qv_core::TriangleMesh;
@@ -23,9 +26,11 @@ pub const EXAMPLE: &str = crate::usage::help_text!(
      \x20 qv report --reconstruction out/splats --terrain out/contact/terrain.glb --contact out/contact \\\n\
      \x20   --replay out/replay --diagnosis out/why --out out/report.html\n\
      \x20 qv report --evidence out/why/evidence.json --out again/report.html\n\
+     \x20 qv report --reproduce out/why\n\
      \n\
      The result is one HTML file that needs no network. A section is omitted if its results are not given.\n\
-     --evidence also writes report.json beside the page."
+     --evidence also writes report.json beside the page. --reproduce writes nothing.",
+    "3 --reproduce: an input is missing or has changed\n  4 --reproduce: the report differs"
 );
 
 /// Most photographs on the page.
@@ -65,9 +70,15 @@ pub struct Report {
     #[arg(long, value_name = "FILE.json", conflicts_with_all = ["reconstruction", "mesh", "contact", "replay", "diagnosis",
         "tuning", "paths", "navigation", "view"], help_heading = "Advanced")]
     evidence: Option<PathBuf>,
+    /// Run a diagnosis again and compare the bits of report.json
+    ///
+    /// The command line and the hashes of the inputs are those that DIR/report.json states.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["reconstruction", "mesh", "contact", "replay", "diagnosis",
+        "tuning", "paths", "navigation", "view", "evidence", "out"], help_heading = "Advanced")]
+    reproduce: Option<PathBuf>,
     /// Write the page to this file
-    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
-    out: PathBuf,
+    #[arg(long, value_name = "FILE.html", required_unless_present = "reproduce", help_heading = "Output")]
+    out: Option<PathBuf>,
     /// Print one line of JSON instead of text
     #[arg(long, help_heading = "Common")]
     json: bool,
@@ -75,8 +86,12 @@ pub struct Report {
 
 impl Report {
     pub fn execute(&self) -> Result<Outcome, Failure> {
+        if let Some(folder) = &self.reproduce {
+            return reproduce::reproduce(folder, self.json);
+        }
+        let out = self.out.as_deref().ok_or("expected --out FILE.html, found none")?;
         if let Some(file) = &self.evidence {
-            return self.render(file);
+            return self.render(file, out);
         }
         let all = [
             &self.reconstruction,
@@ -105,8 +120,8 @@ impl Report {
             diagnosis: part(&self.diagnosis, "report.json", "sentence")?,
             tuning: part(&self.tuning, "tune.json", "candidates")?,
             paths: self.paths.as_ref().map(|file| read_json(file, "policies")).transpose()?,
-            navigation: self.navigation.as_ref().map(|dir| navigation(dir, &self.out)).transpose()?,
-            view: self.view.as_ref().map(|file| way_to(file, &self.out, "qv view")).transpose()?,
+            navigation: self.navigation.as_ref().map(|dir| navigation(dir, out)).transpose()?,
+            view: self.view.as_ref().map(|file| way_to(file, out, "qv view")).transpose()?,
         };
         if let (Some(paths), Some(file)) = (&parts.paths, &self.paths) {
             let two = paths["policies"].as_array().filter(|list| list.len() == 2);
@@ -121,16 +136,16 @@ impl Report {
         {
             return Err(about(&folder.join("tune.json"), "expected a list of candidates, found none"));
         }
-        self.write(&self.out, page::to_html(&parts)?)?;
-        self.finish()
+        self.write(out, page::to_html(&parts)?)?;
+        self.finish(out)
     }
 
     /// The report of a diagnosis from its evidence.
-    fn render(&self, file: &Path) -> Result<Outcome, Failure> {
+    fn render(&self, file: &Path, out: &Path) -> Result<Outcome, Failure> {
         let text = fs::read_to_string(file).map_err(|e| about(file, format!("expected evidence, found {e}")))?;
-        let beside = self.out.with_extension("json");
-        if beside == self.out {
-            return Err(about(&self.out, "expected a page such as report.html, found a name that report.json takes"));
+        let beside = out.with_extension("json");
+        if beside == out {
+            return Err(about(out, "expected a page such as report.html, found a name that report.json takes"));
         }
         if fs::canonicalize(&beside).is_ok_and(|path| fs::canonicalize(file).is_ok_and(|input| input == path)) {
             return Err(about(
@@ -143,9 +158,9 @@ impl Report {
         let said = evidence.report.as_ref().map(|data| (data.title.as_str(), &data.notes[..]));
         let (title, notes) = said.unwrap_or_default();
         let sections: Vec<String> = report.visual.iter().map(|sight| section(sight, &[])).collect();
-        self.write(&self.out, export::to_html(&report, None, title, notes, &sections))?;
+        self.write(out, export::to_html(&report, None, title, notes, &sections))?;
         self.write(&beside, export::to_json(&report))?;
-        self.finish()
+        self.finish(out)
     }
 
     fn write(&self, path: &Path, text: String) -> Result<(), Failure> {
@@ -155,22 +170,12 @@ impl Report {
         put(path, text).map_err(|e| about(path, format!("expected to write it, found {e}")))
     }
 
-    fn finish(&self) -> Result<Outcome, Failure> {
+    fn finish(&self, out: &Path) -> Result<Outcome, Failure> {
         match self.json {
-            true => say(&format!("{}\n", json!({"format": "qv-report/1", "out": self.out})))?,
-            false => say(&format!("written to {}\n", self.out.display()))?,
+            true => say(&format!("{}\n", json!({"format": "qv-report/1", "out": out})))?,
+            false => say(&format!("written to {}\n", out.display()))?,
         }
         Ok(Outcome::Done)
-    }
-}
-
-/// A report, which has at least the given key.
-fn read_json(path: &Path, key: &str) -> Result<Value, Failure> {
-    let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected a report, found {e}")))?;
-    let value: Value = serde_json::from_str(&text).map_err(|e| about(path, format!("expected JSON, found {e}")))?;
-    match value.get(key) {
-        Some(_) => Ok(value),
-        None => Err(about(path, format!("expected a report with `{key}`, found none"))),
     }
 }
 

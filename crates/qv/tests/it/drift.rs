@@ -14,7 +14,7 @@ const ARM: &str = r#"<robot name="arm"><link name="bench"/><link name="arm"><ine
 const ABOUT: &str = "robot = \"arm.urdf\"\nbase = \"fixed\"\n[actuator]\nkind = \"pd\"\nkp = 12.0\nkd = 0.4\n";
 
 /// A recording of the arm; `moves` is the size of its motion.
-fn record(folder: &Path, lag: f64, seed: u64, moves: f64) {
+pub fn record(folder: &Path, lag: f64, seed: u64, moves: f64) {
     let model = Model::from_urdf(ARM, &ModelOptions { base: BaseKind::Fixed, ..Default::default() }).unwrap();
     let options = SimOptions { timestep: 0.001, ..Default::default() };
     let mut robot = Batch::<f64>::new(&model, &Terrain::none(), &options, 1).unwrap();

@@ -27,6 +27,7 @@ mod pipeline;
 mod reconstruct;
 mod render;
 mod replay;
+mod reproduce;
 mod robots;
 mod safety;
 #[path = "../../../../fixtures/skipped.rs"]

@@ -1,0 +1,168 @@
+"""What `qv diagnose` exports for MuJoCo, replayed there: an arm with each effect is recorded, diagnosed, and simulated with the exported file.
+
+`cargo xtask python --mujoco -- -k exports -s` prints a row for each effect: effect, cause that was found, error before [mrad], shares that the corrections
+remove here and in MuJoCo, and their ratio.
+"""
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+
+import quadverse
+from conftest import ARM, DESCRIPTION
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is installed by `cargo xtask python --mujoco`")
+
+STEP = 1e-3  # s
+SECONDS = 8.0
+GAINS = 12.0, 0.4  # N m/rad, N m s/rad
+NOISE = 1e-4  # rad, of the encoders
+JOINTS = "shoulder", "elbow"
+#: Least share of the error that is removed in MuJoCo, as a part of that in our simulator.
+LEAST = 0.9
+
+#: Effects that MJCF can express: parameters of the recorded arm.
+EFFECTS = {
+    "command_latency": {"actuator.*.command_latency": 0.012},
+    "joint_armature": {"joint.*.armature": 0.02},
+    "joint_viscous_friction": {"joint.*.viscous_friction": 0.2},
+    "joint_coulomb_friction": {"joint.*.coulomb_friction": 0.2},
+    "motor_strength": {"actuator.*.strength": 0.7},
+    "motor_gain_kp": {"actuator.*.kp_scale": 0.8},
+    "motor_gain_kd": {"actuator.*.kd_scale": 0.5},
+    "torque_limit": {"actuator.*.torque_limit": 0.6},
+    "quadratic_drag": {"joint.*.quadratic_drag": 0.08},
+    "joint_spring": {"joint.*.spring_stiffness": 1.0},
+    "link_inertia": {"link.lower.inertia_scale": 4.0},
+}
+#: Effects that it cannot express; the page says what to do instead.
+OTHERS = {
+    "actuator_lag": {"actuator.*.lag": 0.015},
+    "constant_torque": {"joint.*.constant_torque": 0.3},
+    "encoder_bias": {"sensor.*.encoder_bias": 0.03},
+    "series_compliance": {"actuator.*.series_compliance": 0.02},
+    "backlash": {"actuator.*.backlash": 0.03},
+}
+
+
+def commands():
+    time = STEP * np.arange(int(SECONDS / STEP))
+    shoulder = 0.6 * np.sin(3.1 * time) + 0.2 * np.sin(9.3 * time)
+    return np.column_stack([shoulder, 0.5 * np.sin(5.1 * time) + 0.15 * np.sin(13.0 * time)])
+
+
+def ours(parameters):
+    """Joint angles that the encoders of our simulator see before each step, shape (ticks, 2)."""
+    batch = quadverse.Batch(ARM, 1, base="fixed", timestep=STEP, max_command_latency=0.05)
+    for pattern, value in parameters.items():
+        batch.expand(pattern)[:] = value
+    ctrl, kp, kd, qpos = (batch.bind(name) for name in ("ctrl", "kp", "kd", "qpos"))
+    kp[:], kd[:] = GAINS
+    seen = []
+    for row in commands():
+        ctrl[0] = row
+        seen.append(qpos[0].copy())
+        batch.step(1)
+    return np.array(seen, float)
+
+
+def attributes(fragment, joint, element):
+    """Whether the class of a joint has an element."""
+    found = re.search(rf'<default class="calibrated_{joint}">(.*?)</default>', fragment, re.DOTALL)
+    return found is not None, found is not None and f"<{element}" in found[1]
+
+
+def inertial(fragment, body, own):
+    found = re.search(rf'in <body name="{body}">.*?(<inertial .*?/>)', fragment)
+    return found[1] if found else own
+
+
+def model(fragment):
+    """The arm as MJCF of a user who follows the comments of the fragment."""
+    kp, kd = GAINS
+    joints, motors = {}, ""
+    for joint in JOINTS:
+        has_class, has_motor = attributes(fragment, joint, "position")
+        of_class = f'class="calibrated_{joint}"' if has_class else ""
+        gains = "" if has_motor else f'kp="{kp}" kv="{kd}"'
+        joints[joint] = f'<joint name="{joint}" axis="0 1 0" {of_class}/>'
+        motors += f'<position joint="{joint}" {gains} {of_class}/>'
+    upper = inertial(fragment, "upper", '<inertial mass="0.6" pos="0 0 -0.15" diaginertia="0.004 0.004 0.0005"/>')
+    lower = inertial(fragment, "lower", '<inertial mass="0.4" pos="0 0 -0.12" diaginertia="0.002 0.002 0.0003"/>')
+    return f"""<mujoco><include file="mjcf_fragment.xml"/><option timestep="{STEP}" integrator="implicitfast"/><worldbody>
+        <body name="upper" pos="0 0 1">{joints["shoulder"]}{upper}
+        <body name="lower" pos="0 0 -0.3">{joints["elbow"]}{lower}</body></body></worldbody>
+        <actuator>{motors}</actuator></mujoco>"""
+
+
+def theirs(fragment):
+    """Joint angles in MuJoCo before each step."""
+    text = model(fragment)
+    loaded = mujoco.MjModel.from_xml_string(text, {"mjcf_fragment.xml": fragment.encode()})
+    data, seen = mujoco.MjData(loaded), []
+    for row in commands():
+        data.ctrl[:] = row
+        seen.append(data.qpos.copy())
+        mujoco.mj_step(loaded, data)
+    return np.array(seen)
+
+
+NOTHING = "<mujocoinclude><custom/></mujocoinclude>"
+
+
+def rms(a, b):
+    return float(np.sqrt(np.mean((a - b) ** 2)))
+
+
+def diagnose(folder, parameters):
+    """The recorded angles, the corrections, and the files of a diagnosis."""
+    recorded = ours(parameters)
+    bias = next((value for name, value in parameters.items() if "encoder_bias" in name), 0.0)
+    recorded += bias + NOISE * np.random.default_rng(11).standard_normal(recorded.shape)
+    lines = ["time,cmd_pos.shoulder,cmd_pos.elbow,pos.shoulder,pos.elbow"]
+    for tick, (command, angle) in enumerate(zip(commands(), recorded)):
+        lines.append(",".join(f"{x:.7f}" for x in (STEP * tick, *command, *angle)))
+    run = folder / "run"
+    run.mkdir()
+    (run / "run.csv").write_text("\n".join(lines) + "\n")
+    (run / "run.toml").write_text(DESCRIPTION)
+    (run / "arm.urdf").write_text(ARM)
+    quadverse.qv("diagnose", run, "--out", folder / "why", verbose=False)
+    files = {path.name: path.read_text() for path in (folder / "why").iterdir() if path.is_file()}
+    calibrated = tomllib.loads(files["calibrated.toml"]).get("parameters", {})
+    return recorded, calibrated, files
+
+
+def test_the_nominal_arms_are_the_same():
+    assert rms(ours({}), theirs(NOTHING)) < 1e-3
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_mujoco_moves_as_the_recorded_arm(effect, tmp_path):
+    recorded, calibrated, files = diagnose(tmp_path, EFFECTS[effect])
+    found = re.search(r'"effect": "(\w+)"', files["report.json"])
+    before, after = rms(ours({}), recorded), rms(ours(calibrated), recorded)
+    fragment = files["mjcf_fragment.xml"]
+    before_there, after_there = rms(theirs(NOTHING), recorded), rms(theirs(fragment), recorded)
+    here, there = 1 - after / before, 1 - after_there / before_there
+    cause = found[1] if found else "none"
+    print(f"\n| {effect} | {cause} | {1e3 * before:.1f} | {here:.3f} | {there:.3f} | {there / here:.2f} |")
+    assert before > 10 * NOISE, "the effect makes no difference"
+    assert here > 0.5 and there >= LEAST * here, f"{effect}: {there:.3f} in MuJoCo, {here:.3f} here"
+
+
+@pytest.mark.parametrize("effect", OTHERS)
+def test_what_mjcf_cannot_express_is_said(effect, tmp_path):
+    recorded, calibrated, files = diagnose(tmp_path, OTHERS[effect])
+    before, after = rms(ours({}), recorded), rms(ours(calibrated), recorded)
+    fields = sorted({name.rsplit(".", 1)[-1] for name in calibrated})
+    print(f"\n| {effect} | {', '.join(fields)} | {1e3 * before:.1f} | {1 - after / before:.3f} | not expressed |")
+    assert calibrated, "the diagnosis corrects nothing"
+    said = files.get("mjcf_fragment.xml", "") + files["report.html"]
+    if "mjcf_fragment.xml" not in files:
+        assert "mjcf_fragment.xml was not written" in said
+    # A field that a class of the fragment has is expressed; each of the others is named.
+    for field in fields:
+        assert field in said, field
