@@ -154,7 +154,7 @@ impl Reconstruct {
             "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(&depths), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "antialias": dataset.antialias, "steps_asked": self.iterations, "transients": words::of_masks(&model.masks),
             "aside": searched, "held_out": held_out.by_name(&dataset), "mean": named_mean(&held_out.drawn),
-            "mean_exposed": named_mean(&held_out.exposed), "mean_aligned": named_mean(&held_out.aligned), "ground": held_out.of_ground,
+            "mean_aligned": named_mean(&held_out.aligned), "ground": held_out.of_ground,
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
         let path = self.out.join("metrics.json");
@@ -507,7 +507,7 @@ impl Reconstruct {
     fn notify(
         &self,
         metrics: &Value,
-        means: &[Option<Score>; 3],
+        means: &[Option<Score>; 2],
         times: &[(&'static str, f64)],
         seconds: f64,
     ) -> Result<(), Failure> {
@@ -539,8 +539,7 @@ impl Reconstruct {
         if let Some(masks) = words::masks_in_words(&metrics["transients"]) {
             text += &format!("{masks}\n");
         }
-        let remarks =
-            ["held out", "held out, as their neighbours are exposed", "held out, cameras aligned on the left half"];
+        let remarks = ["held out", "held out, cameras aligned on the left half"];
         for (what, mean) in remarks.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(s));

@@ -4,9 +4,7 @@ use super::Reconstruct;
 use super::watch::beside;
 use super::words::{named, of_ground};
 use crate::Failure;
-use qv_splat::train::{
-    Dataset, Ground, GroundOptions, Model, Photograph, Score, drawn, ground_scores, neighbours_scores, pose, scores,
-};
+use qv_splat::train::{Dataset, Ground, GroundOptions, Model, Photograph, Score, drawn, ground_scores, pose, scores};
 use serde_json::Value;
 
 /// Steps by which a held-out camera is aligned.
@@ -16,8 +14,6 @@ const ALIGN_STEPS: u32 = 40;
 pub(super) struct HeldOutScores {
     /// As the scene is drawn.
     pub drawn: Vec<Score>,
-    /// As their neighbours are exposed; empty without `--exposure`.
-    pub exposed: Vec<Score>,
     /// With cameras moved to where they show the left half best; empty where poses are as given.
     pub aligned: Vec<Score>,
     /// Of the ground alone, for metrics.json.
@@ -25,8 +21,8 @@ pub(super) struct HeldOutScores {
 }
 
 impl HeldOutScores {
-    pub fn means(&self) -> [Option<Score>; 3] {
-        [&self.drawn, &self.exposed, &self.aligned].map(|scores| Score::mean(scores))
+    pub fn means(&self) -> [Option<Score>; 2] {
+        [&self.drawn, &self.aligned].map(|scores| Score::mean(scores))
     }
 
     /// Each photograph for metrics.json.
@@ -57,7 +53,6 @@ impl Reconstruct {
         }
         Ok(HeldOutScores {
             drawn: scores(&model.cloud, held_out, dataset)?,
-            exposed: if self.exposure { neighbours_scores(model, dataset, held_out)? } else { vec![] },
             aligned: self.aligned(model, dataset, held_out)?,
             of_ground: of_ground(ground.as_ref(), &ground_alone),
         })
