@@ -5,7 +5,7 @@
 
 use crate::blind::{Answers, build_generator};
 use crate::workspace::Workspace;
-use crate::{process, programs};
+use crate::{pipeline, process, programs};
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -34,9 +34,16 @@ pub struct Withheld {
     /// Diagnoses at a time
     #[arg(long, default_value_t = 2, value_name = "N")]
     jobs: usize,
-    /// Folder for recordings and reports [default: target/withheld/SEED]
+    /// Folder for recordings and reports [default: one for each request and program under target/withheld]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
+
+impl Withheld {
+    /// What decides what is recorded.
+    fn words(&self) -> Vec<String> {
+        vec![self.effects.join(","), self.motions.join(","), self.none.to_string(), self.seed.to_string()]
+    }
 }
 
 /// What `report.json` is read for.
@@ -84,11 +91,17 @@ type Row = [BTreeMap<Outcome, usize>; 2];
 /// # Errors
 /// A program does not build or run, or a folder cannot be written.
 pub fn run(workspace: &Workspace, asked: &Withheld) -> Result<bool> {
-    let folder =
-        asked.out.clone().unwrap_or_else(|| workspace.target_directory.join(format!("withheld/{}", asked.seed)));
+    let qv = programs::qv(workspace)?;
+    let folder = match &asked.out {
+        Some(folder) => folder.clone(),
+        // Another request, or another program, has a folder of its own.
+        None => {
+            let hash = pipeline::hash(&asked.words(), std::slice::from_ref(&qv))?;
+            workspace.target_directory.join(format!("withheld/{hash:016x}"))
+        }
+    };
     let answers = record(workspace, asked, &folder)?;
     let diagnoses = list(&answers);
-    let qv = programs::qv(workspace)?;
     diagnose(&qv, &diagnoses, &folder, asked.jobs)?;
     let table = table(&diagnoses, &folder);
     fs::write(folder.join("withheld.md"), &table).with_context(|| format!("writing in {}", folder.display()))?;

@@ -210,6 +210,7 @@ impl Diagnose {
         let read = recordings.map(PathBuf::as_path).chain([Path::new(&self.terrain)]);
         let read = read.chain(self.params.as_deref()).chain(self.library.as_deref()).chain(self.scene.as_deref());
         let read = read.chain(self.camera.as_deref()).chain(self.reading.robot_file());
+        let read = read.chain(self.tried.policy.as_deref()).chain(self.tried.policy_description.as_deref());
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
         lost.extend(lost_from_model(&model));

@@ -33,7 +33,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
-use watch::{Run, TRAINING, show_mask};
+use watch::{Run, SAVE_EVERY, TRAINING, show_mask};
 use words::{in_words, named_mean};
 
 pub const EXAMPLE: &str = crate::usage::help_text!(
@@ -119,8 +119,8 @@ impl Reconstruct {
         let train_s = clock.elapsed().as_secs_f64();
         bar.begin(stages, stages, "scores", Some(TRAINING[1]));
         let clock = Instant::now();
-        // A finished training is written once, with its scene.
-        if !finished {
+        // A finished training is written with its scene. One that took long is not left to the scores.
+        if !finished || train_s > SAVE_EVERY.as_secs_f64() {
             self.save(&model)?;
         }
         if is_stopped && self.has_finished_scene() {
@@ -166,9 +166,12 @@ impl Reconstruct {
             scores: &held_out,
             curve: &curve,
             seconds: train_s,
-            has_masks: !model.masks.is_empty(),
+            has_masks: model.masks.iter().any(|mask| mask.share() > 0.0),
         };
-        write_whole(&self.out.join("index.html"), page.to_html()?.as_bytes())?;
+        match page.to_html() {
+            Ok(html) => write_whole(&self.out.join("index.html"), html.as_bytes())?,
+            Err(why) => remark(&format!("cannot write 'index.html': {why}")),
+        }
         bar.finish();
         self.notify(&metrics, &held_out.means(), &times, search_s + train_s)?;
         opened.capture.remarks.iter().for_each(|what| remark(what));
@@ -322,7 +325,11 @@ impl Reconstruct {
             }
             // What is behind the scene has the photographs' colours as it is.
             bake(&mut model, dataset.background);
-            model.exposures.fill(NEUTRAL);
+            if options.exposure {
+                model.exposures.fill(NEUTRAL);
+                // What was kept so far was judged through its exposures.
+                run.best = Best::default();
+            }
             let options = TrainOptions { exposure: false, ..*options };
             let (trained, finished) = self.train_until(until, photographs, &options, model, run)?;
             model = trained;

@@ -7,7 +7,7 @@ use crate::problem::columns::Extent;
 use std::collections::BTreeMap;
 
 fn level(ratio: f64) -> Level {
-    Level { ratio, strain: 1.0, largest: 1.0, null: 1.0, count: 1000.0 }
+    Level { ratio, null: 1.0, count: 1000.0 }
 }
 
 /// A good candidate with that evidence.

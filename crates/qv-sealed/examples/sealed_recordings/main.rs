@@ -33,8 +33,8 @@ struct Arguments {
     /// Recordings of each of them
     #[arg(long, default_value_t = 1, value_name = "N")]
     per_effect: usize,
-    /// What the robot does in recordings of --effects and --none, in turn, or `all`. What no draw makes in a motion other than `mixed` is left
-    /// out, with a remark
+    /// What the robot does in recordings of --effects and --none, in turn, or `all`. What cannot show in a motion is left out, and what no draw
+    /// makes in one other than `mixed`, with a remark
     #[arg(long, value_delimiter = ',', default_value = "mixed", value_name = "NAMES")]
     motions: Vec<String>,
     /// Recordings with two effects at once, out of --effects or all

@@ -32,11 +32,9 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
     for round in 0..arguments.per_effect {
         // Neighbours differ, so that one recording of each effect already uses both engines.
         let single = |(i, name): (usize, &String)| of("single", FaultRequest::Effects(vec![name.clone()]), i + round);
-        let orders_of = effects.iter().enumerate().map(|(i, name)| {
-            let mut shown = motions.iter().cycle().skip(round).take(motions.len()).filter(|motion| motion.shows(name));
-            Order { motion: shown.next().copied().unwrap_or(Motion::Mixed), ..single((i, name)) }
-        });
-        orders.extend(orders_of);
+        let motion = motions[round % motions.len()];
+        let shown = effects.iter().enumerate().filter(|(_, name)| motion.shows(name));
+        orders.extend(shown.map(|of_name| Order { motion, ..single(of_name) }));
     }
     let sound = |i: usize| Order { motion: motions[i % motions.len()], ..of("none", FaultRequest::Nothing, i) };
     orders.extend((0..arguments.none).map(sound));

@@ -4,9 +4,10 @@
 //! Few photographs are learned by heart: after enough steps they are drawn ever better, and what lies between them ever worse. When that begins
 //! depends on the capture, so it is measured. Photographs that are held out to score with have no part in it.
 
+use super::bake::bake;
 use super::cameras::as_learned;
 use super::dataset::{Dataset, Photograph};
-use super::engine::{neighbours_scores, scores};
+use super::engine::scores;
 use super::model::Model;
 use super::score::Score;
 use crate::SplatError;
@@ -37,16 +38,14 @@ pub fn put_aside(dataset: &Dataset, every: usize) -> Option<Dataset> {
     Some(Dataset { training: some(false), held_out: some(true), ..dataset.clone() })
 }
 
-/// Mean PSNR over the photographs that were put aside, as held-out ones are scored \[dB\].
+/// Mean PSNR over the photographs that were put aside \[dB\]; exposures are left out of it, their median baked in.
 ///
 /// # Errors
 /// Drawing fails.
-pub fn judged(model: &Model, dataset: &Dataset, exposure: bool) -> Result<f64, SplatError> {
-    let aside: Vec<Photograph> = dataset.held_out.iter().map(|one| as_learned(model, dataset, one)).collect();
-    let all = match exposure {
-        true => neighbours_scores(model, dataset, &aside)?,
-        false => scores(&model.cloud, &aside, dataset)?,
-    };
+pub fn judged(mut model: Model, dataset: &Dataset) -> Result<f64, SplatError> {
+    let aside: Vec<Photograph> = dataset.held_out.iter().map(|one| as_learned(&model, dataset, one)).collect();
+    bake(&mut model, dataset.background);
+    let all = scores(&model.cloud, &aside, dataset)?;
     Ok(Score::mean(&all).map_or(f64::NAN, |mean| mean.psnr))
 }
 
@@ -143,8 +142,10 @@ mod tests {
         let model = Model::new(scene.cloud.clone(), &inner);
         let mut faint = model.clone();
         faint.cloud.opacity_logits.iter_mut().for_each(|logit| *logit -= 3.0);
-        let [right, wrong] = [&model, &faint].map(|model| judged(model, &inner, false).unwrap());
+        let [right, wrong] = [&model, &faint].map(|model| judged(model.clone(), &inner).unwrap());
         assert!(right > wrong + 5.0, "{right} {wrong}");
-        assert_eq!(judged(&model, &inner, true).unwrap(), right, "no exposure was learned");
+        let mut exposed = model.clone();
+        exposed.exposures.iter_mut().for_each(|e| e[3] += 0.1);
+        assert_ne!(judged(exposed, &inner).unwrap(), right, "the median exposure counts");
     }
 }

@@ -2,7 +2,6 @@
 
 use super::dataset::{Dataset, Photograph};
 use super::drawn::{DEPTH, drawn, drawn_with};
-use super::exposure::{Exposure, exposed_image};
 use super::ground::Ground;
 use super::model::Model;
 use super::random::shuffled;
@@ -98,20 +97,6 @@ pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph], dataset: &Datas
     photographs.par_iter().map(|one| Ok(score(&drawn(cloud, &one.camera, dataset)?.colour, one))).collect()
 }
 
-/// As [`scores`] of photographs that were held out, with the exposure that the photographs before and after it by name have on average: nothing of the
-/// held-out photograph itself is used.
-///
-/// # Errors
-/// Drawing fails.
-pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<Vec<Score>, SplatError> {
-    let one = |photograph: &Photograph| {
-        let image = drawn(&model.cloud, &photograph.camera, dataset)?;
-        let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
-        Ok(score(&exposed_image(&exposure, &image.colour), photograph))
-    };
-    held_out.par_iter().map(one).collect()
-}
-
 /// Scores of what shows the ground alone, of the photographs in which it can be seen: pixels whose drawn depth lies on it.
 ///
 /// # Errors
@@ -127,28 +112,4 @@ pub fn ground_scores(
         Ok(score_of(&image.colour, photograph, &ground.pixels(&image, &photograph.camera)))
     };
     held_out.par_iter().filter_map(|photograph| one(photograph).transpose()).collect()
-}
-
-fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Exposure {
-    let after = training.partition_point(|one| one.name.as_str() < name);
-    let both = exposures[after.saturating_sub(1)..(after + 1).min(exposures.len())].iter();
-    let count = both.len().max(1) as f32;
-    let mut out = [0.0; 12];
-    both.for_each(|exposure| (0..12).for_each(|k| out[k] += exposure[k] / count));
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::tiny;
-    use super::*;
-
-    #[test]
-    fn a_held_out_exposure_is_that_of_its_neighbours() {
-        let scene = tiny::scene(5, 3, 16);
-        let exposures: Vec<Exposure> = (0..3).map(|k| [k as f32; 12]).collect();
-        let of = |name: &str| neighbours(&scene.dataset.training, &exposures, name)[5];
-        // The photographs are v00, v01 and v02.
-        assert_eq!([of("a"), of("v005"), of("v015"), of("z")], [0.0, 0.5, 1.5, 2.0]);
-    }
 }

@@ -43,7 +43,7 @@ pub use best::{Best, Snapshot};
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
 pub use drawn::drawn;
-pub use engine::{Engine, Progress, ground_scores, neighbours_scores, scores, train};
+pub use engine::{Engine, Progress, ground_scores, scores, train};
 pub use exposure::{Exposure, NEUTRAL};
 pub use ground::{Ground, GroundOptions};
 pub use model::Model;

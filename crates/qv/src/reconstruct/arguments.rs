@@ -35,6 +35,8 @@ pub struct Reconstruct {
     #[arg(long, default_value_t = 300_000, value_name = "N", help_heading = "Training")]
     pub(super) cap: usize,
     /// Fit an affine colour transform per image
+    ///
+    /// The last 15 % of --iterations go without, so that the scene is drawn as the images are. With --max-seconds it may end before.
     #[arg(long, help_heading = "Scene")]
     pub(super) exposure: bool,
     /// Refine camera poses during training

@@ -67,7 +67,7 @@ impl Reconstruct {
                 if stopped || !search.is_time(at.iteration) {
                     return Ok(!stopped);
                 }
-                let psnr = judged(&engine.model()?, &inner, options.exposure)?;
+                let psnr = judged(engine.model()?, &inner)?;
                 Ok(search.see(at.iteration, psnr))
             },
         )?;

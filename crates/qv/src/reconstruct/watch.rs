@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Time from one checkpoint to the next.
-const SAVE_EVERY: Duration = Duration::from_secs(30);
+pub(super) const SAVE_EVERY: Duration = Duration::from_secs(30);
 /// Steps from one scene to the next that is judged, where it is fetched from the card.
 #[cfg(feature = "gpu")]
 pub(super) const FETCH_EVERY: u32 = 5000;

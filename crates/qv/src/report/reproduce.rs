@@ -11,8 +11,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::{env, fs};
 
-/// What differs from one run of the same to the next: seconds, and the words of the command line, which name the folder of the results.
-const VOLATILE: [&str; 2] = ["/timing", "/provenance/arguments"];
+/// What differs from one run of the same to the next: seconds, the words of the command line, which name the folder of the results, and the
+/// version, of which a message says that it differs.
+const VOLATILE: [&str; 3] = ["/timing", "/provenance/arguments", "/provenance/version"];
 /// Most differences that are printed.
 const SHOWN: usize = 5;
 /// Words of a command line that change no result.
