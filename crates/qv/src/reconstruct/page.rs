@@ -51,7 +51,7 @@ impl Summary<'_> {
         let heading = match images.is_empty() {
             true => "<p class=\"soft\">No image was held out: <code>--hold-out</code> was 0, or the capture is too small.</p>".into(),
             false => format!(
-                "<h2>Held-out images: photographed, drawn, error times {ERROR_FACTOR:.0}</h2><p class=\"soft\">{} of {}. Training has not seen them.</p>",
+                "<h2>Held-out images: captured, drawn, error times {ERROR_FACTOR:.0}</h2><p class=\"soft\">{} of {}. Training has not seen them.</p>",
                 images.len(),
                 self.looked_at.len()
             ),
@@ -107,7 +107,7 @@ impl Summary<'_> {
         let image = drawn(&self.model.cloud, &photograph.camera, self.dataset)?;
         let [photographed, rendered, error] = triple(photograph, &image);
         let mut figures = String::new();
-        for (what, picture) in [("photographed", photographed), ("drawn", rendered), ("error", error)] {
+        for (what, picture) in [("captured", photographed), ("drawn", rendered), ("error", error)] {
             let data = encoded(picture)?;
             figures += &format!("<figure><img alt=\"{what}\" src=\"data:image/jpeg;base64,{data}\"></figure>");
         }
