@@ -3,9 +3,7 @@
 use crate::PolicyError;
 use serde::{Deserialize, Serialize};
 
-/// Hyper-parameters. Where no source is named, the value is the one that rsl_rl's configurations of quadrupeds share. Minibatches, entropy and
-/// divergence are those that followed commands best after 5.5 million samples (`docs/experiments/2026-11-30-gait-clock.md`): rsl_rl's 4, 0.005
-/// and 0.01 are for trainings that are twenty times as long.
+/// Hyper-parameters. Where no source is named, the value is the one that rsl_rl's configurations of quadrupeds share.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PpoSettings {
@@ -38,8 +36,8 @@ pub struct PpoSettings {
     /// Least standard deviation: exploration that never ends.
     pub least_std: f32,
     /// Epochs of a training in which updates read the mirror image of each sample, too (rsl_rl's `symmetry_cfg.use_data_augmentation`); without
-    /// effect for robots that are not their own mirror images. The default is all of them. Without a clock the last ones must break the tie
-    /// between left and right: a policy that is exactly its own mirror image cannot start a trot from a stand that is.
+    /// effect for robots that are not their own mirror images. Without a clock the last ones must break the tie between left and right: a policy
+    /// that is exactly its own mirror image cannot start a trot from a stand that is.
     pub symmetry_epochs: u64,
     /// Sizes of the hidden layers of the actor.
     pub actor: Vec<usize>,
@@ -52,19 +50,19 @@ impl Default for PpoSettings {
         Self {
             steps: 24,
             epochs: 4,
-            minibatches: 8,
+            minibatches: 4,
             clip: 0.2,
             gamma: 0.99,
             lambda: 0.95,
-            entropy: 0.002,
+            entropy: 0.005,
             value: 1.0,
             rate: 1e-3,
             rate_range: [1e-5, 1e-2],
-            divergence: 0.02,
+            divergence: 0.01,
             gradient: 1.0,
             std: 1.0,
             least_std: 0.05,
-            symmetry_epochs: 1000,
+            symmetry_epochs: 7,
             actor: vec![64, 64],
             critic: vec![64, 64],
         }

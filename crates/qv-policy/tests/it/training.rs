@@ -281,7 +281,8 @@ fn policies_of_other_robots_and_damaged_files_are_named() {
 #[test]
 fn files_of_earlier_versions_have_no_clock() {
     let robot = go2();
-    let text = PolicyFile::new(&robot, &TaskSettings::default(), "plane", None).to_text().unwrap();
+    let text =
+        PolicyFile::new(&robot, &TaskSettings { clock: 1.65, ..Default::default() }, "plane", None).to_text().unwrap();
     assert!(text.contains("clock = 1."), "{text}");
     let old: Vec<&str> = text.lines().filter(|line| !line.starts_with("clock = ")).collect();
     assert_eq!(PolicyFile::parse(&old.join("\n")).unwrap().clock, 0.0);
