@@ -3,7 +3,7 @@
 //! Each effect of a walking robot is recorded in several motions. Each recording is diagnosed as it is, which shows whether its effect can be seen,
 //! and with `--without` its effect: then the right answer is `unexplained`, and a name is false.
 
-use crate::blind::{Answers, build_generator};
+use crate::blind::{Answers, build_generator, each};
 use crate::workspace::Workspace;
 use crate::{pipeline, process, programs};
 use anyhow::{Context, Result, bail};
@@ -13,8 +13,6 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What to record and where.
 #[derive(clap::Args)]
@@ -102,7 +100,7 @@ pub fn run(workspace: &Workspace, asked: &Withheld) -> Result<bool> {
     };
     let answers = record(workspace, asked, &folder)?;
     let diagnoses = list(&answers);
-    diagnose(&qv, &diagnoses, &folder, asked.jobs)?;
+    each(&diagnoses, asked.jobs, None, |_, diagnosis| diagnosis.run(&qv, &folder))?;
     let table = table(&diagnoses, &folder);
     fs::write(folder.join("withheld.md"), &table).with_context(|| format!("writing in {}", folder.display()))?;
     print!("{table}");
@@ -144,29 +142,12 @@ fn list(answers: &Answers) -> Vec<Diagnosis> {
     out
 }
 
-/// Runs what has no report yet.
-fn diagnose(qv: &Path, diagnoses: &[Diagnosis], folder: &Path, jobs: usize) -> Result<()> {
-    let (next, failure) = (AtomicUsize::new(0), Mutex::new(None));
-    let bar = crate::blind::bar(diagnoses.len(), "diagnosing");
-    let work = || {
-        while let Some(diagnosis) = diagnoses.get(next.fetch_add(1, Ordering::Relaxed)) {
-            if let Err(error) = diagnosis.run(qv, folder) {
-                next.store(diagnoses.len(), Ordering::Relaxed);
-                failure.lock().expect("no thread panics with it").get_or_insert(error);
-            }
-            bar.inc(1);
-        }
-    };
-    std::thread::scope(|scope| (0..jobs.max(1)).for_each(|_| drop(scope.spawn(work))));
-    bar.finish_and_clear();
-    failure.into_inner().expect("no thread panics with it").map_or(Ok(()), Err)
-}
-
 impl Diagnosis {
     fn out(&self, folder: &Path) -> PathBuf {
         folder.join(if self.is_without { "without" } else { "whole" }).join(&self.name)
     }
 
+    /// Runs it where there is no report yet.
     fn run(&self, qv: &Path, folder: &Path) -> Result<()> {
         let out = self.out(folder);
         if out.join("report.json").is_file() {

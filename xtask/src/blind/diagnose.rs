@@ -27,6 +27,39 @@ const LEAVE_OUT: &str = "1";
 /// Every so manieth recording is diagnosed with effects taken out, too.
 const LEAVES_OUT: usize = 3;
 
+/// Does something with each of some recordings, so many at a time, and begins no other after `at_most`; with a progress bar. `one` gets its number, too.
+///
+/// # Errors
+/// The first error of `one`, after which none is begun.
+pub fn each<T: Sync>(
+    all: &[T],
+    jobs: usize,
+    at_most: Option<Duration>,
+    one: impl Fn(usize, &T) -> Result<()> + Sync,
+) -> Result<()> {
+    let bar = bar(all.len(), "diagnosing");
+    let (next, failure, clock) = (AtomicUsize::new(0), Mutex::new(None), Instant::now());
+    let is_late = || at_most.is_some_and(|most| clock.elapsed() > most);
+    let work = || {
+        loop {
+            let turn = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = all.get(turn).filter(|_| !is_late()) else { break };
+            if let Err(error) = one(turn, item) {
+                next.store(all.len(), Ordering::Relaxed);
+                failure.lock().expect("no thread panics with it").get_or_insert(error);
+            }
+            bar.inc(1);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.max(1) {
+            scope.spawn(work);
+        }
+    });
+    bar.finish_and_clear();
+    failure.into_inner().expect("no thread panics with it").map_or(Ok(()), Err)
+}
+
 impl Diagnoses<'_> {
     /// Diagnoses all `names` in `recordings` that have no report in `reports` yet. A diagnosis that fails is said, and
     /// leaves none; those that time was not left for have no folder.
@@ -35,31 +68,10 @@ impl Diagnoses<'_> {
     /// The program cannot be started, or a folder cannot be written.
     pub fn run(&self, names: &[&String], recordings: &Path, reports: &Path) -> Result<()> {
         fs::create_dir_all(reports).with_context(|| format!("making {}", reports.display()))?;
-        let bar = bar(names.len(), "diagnosing");
-        let (next, failure, clock) = (AtomicUsize::new(0), Mutex::new(None), Instant::now());
-        let is_late = || self.at_most.is_some_and(|most| clock.elapsed() > most);
-        let work = || {
-            loop {
-                let turn = next.fetch_add(1, Ordering::Relaxed);
-                let Some(name) = names.get(turn).filter(|_| !is_late()) else { break };
-                let leaves_out = turn.is_multiple_of(LEAVES_OUT);
-                if let Err(error) = self.one(&recordings.join(name), &reports.join(name), leaves_out) {
-                    next.store(names.len(), Ordering::Relaxed);
-                    failure.lock().expect("no thread panics with it").get_or_insert(error);
-                }
-                bar.inc(1);
-            }
+        let one = |turn: usize, name: &&String| {
+            self.one(&recordings.join(name), &reports.join(name), turn.is_multiple_of(LEAVES_OUT))
         };
-        std::thread::scope(|scope| {
-            for _ in 0..self.jobs.max(1) {
-                scope.spawn(work);
-            }
-        });
-        bar.finish_and_clear();
-        match failure.into_inner().expect("no thread panics with it") {
-            Some(error) => Err(error),
-            None => Ok(()),
-        }
+        each(names, self.jobs, self.at_most, one)
     }
 
     /// # Errors

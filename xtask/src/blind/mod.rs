@@ -22,7 +22,8 @@ use crate::workspace::Workspace;
 use crate::{pipeline, process, programs, python};
 pub use answers::Answers;
 pub use arguments::Blind;
-pub use generate::{bar, build as build_generator};
+pub use diagnose::each;
+pub use generate::build as build_generator;
 
 use anyhow::{Context, Result};
 use arguments::Chore;
