@@ -165,7 +165,6 @@ impl Reconstruct {
             looked_at: &looked_at,
             scores: &held_out,
             curve: &curve,
-            seconds: train_s,
             has_masks: model.masks.iter().any(|mask| mask.share() > 0.0),
         };
         match page.to_html() {
@@ -319,9 +318,9 @@ impl Reconstruct {
                 if !finished {
                     return Ok((model, false));
                 }
-            }
-            if options.exposure && model.iteration < exposed {
-                continue;
+                if model.iteration < exposed {
+                    continue;
+                }
             }
             // What is behind the scene has the photographs' colours as it is.
             bake(&mut model, dataset.background);

@@ -32,8 +32,6 @@ pub(super) struct Summary<'a> {
     pub scores: &'a HeldOutScores,
     /// How training went.
     pub curve: &'a [CurvePoint],
-    /// Time of the training \[s\].
-    pub seconds: f64,
     /// Whether images of masks lie beside the page.
     pub has_masks: bool,
 }
@@ -70,7 +68,6 @@ impl Summary<'_> {
         table.row(&["SSIM of held-out images", &of(mean.map(|m| m.ssim), 4)]);
         table.row(&["images to learn from", &self.dataset.training.len().to_string()]);
         table.row(&["Gaussians", &self.model.cloud.len().to_string()]);
-        table.row(&["training [s]", &fixed(self.seconds, 1)]);
         card(&table.to_html())
     }
 
