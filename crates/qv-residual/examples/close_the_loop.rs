@@ -7,8 +7,9 @@ use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
 use qv_residual::ResidualError;
 use qv_residual::close::{Event, Forget, Inputs, LoopSettings, close};
-use qv_residual::hidden::{Engine, HiddenRobot, Order, wander};
+use qv_residual::hidden::{Engine, HiddenRobot, Order, SCORED, wander};
 use qv_residual::log::Log;
+use qv_residual::paths;
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -16,8 +17,8 @@ use std::time::Instant;
 /// Walks of a recording, and how long each lasts \[s\].
 const WALKS: u64 = 30;
 const SECONDS: f32 = 20.0;
-/// Seconds and number of the walks that are scored.
-const SCORED: [f32; 2] = [8.0, 24.0];
+/// Number of the walks that are scored under commands of the promise, and as many under uniform ones.
+const SCORED_WALKS: usize = 48;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -89,8 +90,13 @@ fn main() -> Result<(), Failure> {
             Event::Progress(share, figure) => eprintln!("         {:3.0} % {figure}", 100.0 * share),
         })?;
         let seconds = clock.elapsed().as_secs_f64();
-        let score = |policy: &Policy| hidden.score(&robot, &ground, policy, &start.settings.task, SCORED, seed);
-        let (before, after) = (score(&policy)?, score(&outcome.policy)?);
+        let task = &start.settings.task;
+        let score = |policy: &Policy, wanted: &[[f32; 3]]| {
+            hidden.score(&robot, &ground, policy, task, wanted, paths::SECONDS, seed)
+        };
+        let wanted = [paths::commands, paths::uniform].map(|of| of(&task.commands, SCORED_WALKS, SCORED + seed));
+        let [before, before_uniform] = [score(&policy, &wanted[0])?, score(&policy, &wanted[1])?];
+        let [after, after_uniform] = [score(&outcome.policy, &wanted[0])?, score(&outcome.policy, &wanted[1])?];
         let report = &outcome.report;
         let candidates = report.candidates.iter();
         let held: Vec<_> = candidates
@@ -101,6 +107,7 @@ fn main() -> Result<(), Failure> {
             json!({
                 "robot": hidden.name, "engine": format!("{engine:?}"), "seed": given.seed, "seconds": seconds,
                 "candidates": held, "chosen": report.chosen, "before": before, "after": after,
+                "uniform": [before_uniform, after_uniform], "why": report.why,
                 "foretold": [report.before, report.after], "control": report.control, "remarks": report.remarks,
             })
         );

@@ -1,9 +1,8 @@
 //! A policy's commands calibrated: a gait that walks a little faster, or bends a little to a side, is asked for a little less of it.
 
 use crate::ResidualError;
-use crate::paths::{Path, SECONDS, walk};
+use crate::paths::{Path, SECONDS, uniform, walk};
 use glam::{DMat3, DVec3};
-use qv_core::random::Xoshiro256PlusPlus;
 use qv_fit::linear::{gram, transposed_product};
 use qv_fit::{Cholesky, Matrix};
 use qv_policy::env::VectorEnv;
@@ -45,11 +44,7 @@ pub fn response(
     ranges: &Commands,
     seed: u64,
 ) -> Result<Option<Response>, ResidualError> {
-    let mut random = Xoshiro256PlusPlus::of(seed, 61, 0);
-    let drawn = |random: &mut Xoshiro256PlusPlus| {
-        [ranges.vx, ranges.vy, ranges.wz].map(|[low, high]| random.between(low, high))
-    };
-    let commands: Vec<[f32; 3]> = (0..task.count()).map(|_| drawn(&mut random)).collect();
+    let commands = uniform(ranges, task.count(), seed);
     let walks = walk(policy, task, &commands, SECONDS, seed)?;
     let rate = task.settings().rate;
     let decisions = (SECONDS * rate) as usize;
@@ -96,6 +91,7 @@ pub fn calibrated(policy: &Policy, response: &Response) -> Option<Policy> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use qv_core::random::Xoshiro256PlusPlus;
     use qv_policy::net::Mlp;
     use qv_policy::score::Decide;
 

@@ -6,7 +6,7 @@ mod drawn;
 pub use drawn::{Engine, HiddenRobot, Outside};
 
 use crate::ResidualError;
-use crate::paths::{Path, PathScore, SETTLING, commands, from_start, measured};
+use crate::paths::{Path, PathScore, SETTLING, from_start, measured};
 use qv_core::JointSeries;
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::policy::Policy;
@@ -27,8 +27,8 @@ const SAMPLE: usize = 2;
 /// poses \[m\]. The first two are what a Go2 that stands shows.
 const NOISE: [f32; 5] = [0.0004, 0.02, 0.01, 0.1, 0.001];
 
-/// Seed of the commands and the noise of scores.
-const SCORED: u64 = 5000;
+/// Added to seeds of the commands and the noise of scores, which are then not those of recordings.
+pub const SCORED: u64 = 5000;
 
 enum Plant {
     Ours(Box<Batch<f64>>),
@@ -160,7 +160,7 @@ impl HiddenRobot {
         orders.par_iter().map(|order| self.walk(robot, ground, policy, task, order)).collect()
     }
 
-    /// How far a policy strays from commanded paths of all six kinds over `seconds`, `count` walks; the seed draws commands and noise.
+    /// How far a policy strays from the paths of commands over `seconds`, one walk each; the seed draws noise.
     ///
     /// # Errors
     /// When an engine refuses a number.
@@ -170,10 +170,10 @@ impl HiddenRobot {
         ground: &Ground,
         policy: &Policy,
         task: &TaskSettings,
-        [seconds, count]: [f32; 2],
+        wanted: &[[f32; 3]],
+        seconds: f32,
         seed: u64,
     ) -> Result<PathScore, ResidualError> {
-        let wanted = commands(&task.commands, count as usize, SCORED + seed);
         let timed: Vec<[(f32, [f32; 3]); 1]> = wanted.iter().map(|c| [(0.0, *c)]).collect();
         let places = &ground.places[0];
         let order = |(k, commands)| Order {
@@ -184,7 +184,7 @@ impl HiddenRobot {
         };
         let orders: Vec<Order> = timed.iter().map(|c| c as &[_]).enumerate().map(order).collect();
         let walks = self.walks(robot, ground, policy, task, &orders)?;
-        let errors = walks.iter().zip(&wanted).map(|(w, c)| measured(&w.path, *c, seconds, task.rate).1);
+        let errors = walks.iter().zip(wanted).map(|(w, c)| measured(&w.path, *c, seconds, task.rate).1);
         Ok(PathScore::of(&errors.collect::<Vec<_>>()))
     }
 

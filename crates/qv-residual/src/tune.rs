@@ -135,18 +135,35 @@ pub fn train_on(
         }
         notify(&line, found.as_ref());
     }
-    let task = &start.settings.task;
-    if settings.calibration > 0 {
-        let mut many = judge_of(robot, ground, task, corrected, settings.calibration)?;
-        let response = response(&best.1, &mut many, &task.commands, settings.seed)?;
-        if let Some(policy) = response.and_then(|response| calibrated(&best.1, &response)) {
-            let score = score(&policy, &mut judge, &commands, settings.seed)?;
-            if score.cost() < best.0 {
-                best.1 = policy;
-            }
+    if let Some(policy) = with_calibrated_commands(&best.1, robot, ground, start, corrected, settings)? {
+        let score = score(&policy, &mut judge, &commands, settings.seed)?;
+        if score.cost() < best.0 {
+            best.1 = policy;
         }
     }
     Ok(best.1)
+}
+
+/// The policy with its commands calibrated under corrections, see [`crate::calibrate`]. `None` when `settings` ask for no walks, when most of
+/// the walks fall, or when the response has no inverse.
+///
+/// # Errors
+/// When a number is not finite.
+pub fn with_calibrated_commands(
+    policy: &Policy,
+    robot: &TaskRobot,
+    ground: &Ground,
+    start: &Checkpoint,
+    corrected: &CorrectedSimulator,
+    settings: &TuneSettings,
+) -> Result<Option<Policy>, ResidualError> {
+    if settings.calibration == 0 {
+        return Ok(None);
+    }
+    let task = &start.settings.task;
+    let mut many = judge_of(robot, ground, task, corrected, settings.calibration)?;
+    let response = response(policy, &mut many, &task.commands, settings.seed)?;
+    Ok(response.and_then(|response| calibrated(policy, &response)))
 }
 
 /// Makes the commands by which an iteration is chosen others than those of scores.

@@ -4,6 +4,8 @@ use super::made_up::MadeUp;
 use crate::open::write_error;
 use crate::output::write_whole;
 use crate::{Failure, Outcome, say};
+use qv_residual::hidden::SCORED;
+use qv_residual::paths::commands;
 use serde_json::json;
 use std::fs;
 use std::path::PathBuf;
@@ -18,8 +20,8 @@ pub struct Paths {
     /// Set the length of each walk
     #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive, help_heading = "What to test", hide_short_help = true)]
     seconds: f64,
-    /// Run N walks over six kinds of command
-    #[arg(long, default_value_t = 24, value_name = "N", value_parser = clap::value_parser!(u16).range(6..), help_heading = "What to test")]
+    /// Run N walks, in turn of eight kinds of command and under commands drawn uniformly
+    #[arg(long, default_value_t = 32, value_name = "N", value_parser = clap::value_parser!(u16).range(8..), help_heading = "What to test")]
     walks: u16,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
@@ -38,13 +40,14 @@ impl Paths {
         let bar = crate::progress::progress(self.policies.len() as u64, "walking");
         for path in &self.policies {
             let walked = self.made_up.under(path)?;
-            let size = [self.seconds as f32, f32::from(self.walks)];
+            let wanted = commands(&walked.task.commands, self.walks.into(), SCORED + self.made_up.seed);
             let score = walked.hidden.score(
                 &walked.robot,
                 &walked.ground,
                 &walked.policy,
                 &walked.task,
-                size,
+                &wanted,
+                self.seconds as f32,
                 self.made_up.seed,
             )?;
             let line = format!(
