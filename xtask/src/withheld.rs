@@ -13,6 +13,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 
 /// What to record and where.
 #[derive(clap::Args)]
@@ -32,6 +33,9 @@ pub struct Withheld {
     /// Diagnoses at a time
     #[arg(long, default_value_t = 2, value_name = "N")]
     jobs: usize,
+    /// Begin no diagnosis after so many minutes; another run with the same --out goes on
+    #[arg(long, value_name = "M")]
+    minutes: Option<f64>,
     /// Folder for recordings and reports [default: one for each request and program under target/withheld]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -100,7 +104,13 @@ pub fn run(workspace: &Workspace, asked: &Withheld) -> Result<bool> {
     };
     let answers = record(workspace, asked, &folder)?;
     let diagnoses = list(&answers);
-    each(&diagnoses, asked.jobs, None, |_, diagnosis| diagnosis.run(&qv, &folder))?;
+    let at_most = asked.minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6)));
+    each(&diagnoses, asked.jobs, at_most, |_, diagnosis| diagnosis.run(&qv, &folder))?;
+    let all = diagnoses.len();
+    let diagnoses: Vec<Diagnosis> = diagnoses.into_iter().filter(|d| d.out(&folder).is_dir()).collect();
+    if diagnoses.len() < all {
+        println!("{} of {all} diagnoses were begun; the table counts those.", diagnoses.len());
+    }
     let table = table(&diagnoses, &folder);
     fs::write(folder.join("withheld.md"), &table).with_context(|| format!("writing in {}", folder.display()))?;
     print!("{table}");
@@ -168,9 +178,13 @@ impl Diagnosis {
         }
     }
 
+    /// What was reported; `None` when the diagnosis failed.
+    fn report(&self, folder: &Path) -> Option<Report> {
+        serde_json::from_slice(&fs::read(self.out(folder).join("report.json")).ok()?).ok()
+    }
+
     fn outcome(&self, folder: &Path) -> Outcome {
-        let read = || serde_json::from_slice::<Report>(&fs::read(self.out(folder).join("report.json")).ok()?).ok();
-        let Some(report) = read() else { return Outcome::Failed };
+        let Some(report) = self.report(folder) else { return Outcome::Failed };
         match (report.causes.first(), report.verdict.as_str()) {
             (Some(cause), _) if !self.is_without && Some(&cause.effect) == self.effect.as_ref() => Outcome::Right,
             (Some(_), _) => Outcome::Wrong,
@@ -186,8 +200,14 @@ fn table(diagnoses: &[Diagnosis], folder: &Path) -> String {
     // Whether the effect can be seen in a recording: the whole library names it.
     let mut is_seen: BTreeMap<&str, bool> = BTreeMap::new();
     let mut seen_without: BTreeMap<Outcome, usize> = BTreeMap::new();
+    // What was named in the place of which effect.
+    let mut wrong: BTreeMap<(&str, String), usize> = BTreeMap::new();
     for diagnosis in diagnoses {
         let outcome = diagnosis.outcome(folder);
+        if let (true, Outcome::Wrong, Some(effect)) = (diagnosis.is_without, outcome, &diagnosis.effect) {
+            let named = diagnosis.report(folder).and_then(|r| r.causes.into_iter().next()).map(|c| c.effect);
+            *wrong.entry((effect, named.unwrap_or_default())).or_default() += 1;
+        }
         let row = rows.entry(diagnosis.effect.as_deref().unwrap_or("(none)")).or_default();
         *row[usize::from(diagnosis.is_without)].entry(outcome).or_default() += 1;
         match diagnosis.is_without {
@@ -210,6 +230,9 @@ fn table(diagnoses: &[Diagnosis], folder: &Path) -> String {
     }
     let _ = writeln!(out, "| **all effects** | {} | {} |", words(&sums[0]), words(&sums[1]));
     let _ = writeln!(out, "| of those that the whole library identifies | | {} |", words(&seen_without));
+    for ((effect, named), count) in &wrong {
+        let _ = writeln!(out, "\nWithout `{effect}`: {count} named `{named}`.");
+    }
     if rows.values().flatten().any(|counts| counts.contains_key(&Outcome::Failed)) {
         let _ = writeln!(out, "\n{FAILED}: its folder has no report.");
     }
@@ -250,6 +273,7 @@ mod tests {
         assert!(table.contains("| payload_mass | 1 right, 1 no gap | 1 wrong, 1 no gap |"), "{table}");
         assert!(table.contains("| (none) | 1 no gap, 1 failed | - |"), "{table}");
         assert!(table.contains("| of those that the whole library identifies | | 1 wrong |"), "{table}");
+        assert!(table.contains("Without `payload_mass`: 1 named `external_force`."), "{table}");
         assert!(table.contains(FAILED), "{table}");
     }
 }
