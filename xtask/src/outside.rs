@@ -84,8 +84,10 @@ fn copy(from: &PathBuf, to: &PathBuf) -> Result<()> {
 
 /// The program's manifest: a workspace of its own, with paths in place of the registry.
 fn manifest_text(names: &[String], version: &str) -> String {
+    // Packages in a folder of a workspace are its members, whose tests' dependencies are looked for.
     let mut text = String::from(
-        "[package]\nname = \"outside\"\nedition = \"2024\"\npublish = false\n\n[workspace]\n\n[dependencies]\n",
+        "[package]\nname = \"outside\"\nedition = \"2024\"\npublish = false\n\n\
+         [workspace]\nexclude = [\"crates\"]\n\n[dependencies]\n",
     );
     let path = |name: &str| format!("path = \"crates/{name}-{version}\"");
     for name in USED {
