@@ -10,6 +10,7 @@ mod fuzz;
 mod golden;
 mod guides;
 mod kills;
+mod outside;
 mod pictures;
 mod pipeline;
 mod process;
@@ -72,6 +73,8 @@ enum Chore {
     Python(wheel::Python),
     /// Build what is given away: wheels and static programs for Linux, hashes, a list of what is inside; or check them
     Dist(dist::Dist),
+    /// Build and run a program outside of the workspace from the packaged form of our crates
+    Outside,
     /// Build and test the node for ROS 2, which no other build knows
     Ros2,
     /// Check what is linked against known advisories, where their database can be had (needs cargo-deny)
@@ -109,6 +112,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Withheld(asked) => withheld::run(&workspace, &asked),
         Chore::Python(how) => wheel::run(&workspace, &how),
         Chore::Dist(how) => dist::run(&workspace, &how),
+        Chore::Outside => outside::run(&workspace),
         Chore::Ros2 => ros2::run(&workspace),
         Chore::Advisories => advisories::run(&workspace),
         Chore::Kills { each } => kills::run(&workspace, each),

@@ -280,7 +280,7 @@ impl Diagnose {
         remarks.iter().for_each(|what| remark(what));
         if !has_fragment && report.corrections_apply && !report.corrections.is_empty() {
             remark(
-                "mjcf_fragment.xml was not written: an MJCF include cannot state these corrections (report.html: what to change by hand)",
+                "mjcf_fragment.xml was not written: an MJCF include cannot state these corrections (mjcf_by_hand.txt: what to change by hand)",
             );
         }
         lost.iter().for_each(|what| print_message!("{what}"));

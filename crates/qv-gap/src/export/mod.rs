@@ -38,6 +38,7 @@ pub struct Gains<'a> {
 
 /// All files of a diagnosis by name: `report.json`, `report.html`, `calibrated.toml`, `mjcf_fragment.xml`,
 /// `isaac_lab_actuators.py`, and `robot_calibrated.urdf` when the URDF that `model` was read from is given.
+/// Where MuJoCo would read nothing from a fragment, `mjcf_by_hand.txt` takes its place and names every correction.
 ///
 /// `title` names the recording; `notes` are said under the verdict of the page.
 /// A URDF that cannot be edited is left out, and so is an MJCF fragment that would change nothing; notes on the page say why. `sections` are for [`to_html`].
@@ -64,8 +65,10 @@ pub fn files(
         ("report.html", to_html(report, Some(model), title, &notes, sections)),
         ("calibrated.toml", to_toml(report)),
     ];
-    if by_hand.is_none() {
-        files.push(("mjcf_fragment.xml", to_mjcf(model, corrections, kp, kd)));
+    match by_hand {
+        None => files.push(("mjcf_fragment.xml", to_mjcf(model, corrections, kp, kd))),
+        Some(lines) if lines.is_empty() => (),
+        Some(lines) => files.push(("mjcf_by_hand.txt", by_hand_text(&lines))),
     }
     if let Some(Ok((text, mut unsaid))) = urdf {
         unsaid.extend((model.base == BaseKind::Floating).then(|| FREE_BASE.into()));
@@ -85,6 +88,18 @@ fn without_fragment(report: &Report, by_hand: &[String]) -> String {
         format!("a file that MuJoCo includes cannot change the following. By hand: {}", by_hand.join("; "))
     };
     format!("mjcf_fragment.xml was not written: {}.", why.trim_end_matches('.'))
+}
+
+/// `mjcf_by_hand.txt`: what the page says under [`without_fragment`], for who has the folder alone.
+fn by_hand_text(lines: &[String]) -> String {
+    let mut text = String::from(
+        "A file that MuJoCo includes cannot state these corrections, so there is no mjcf_fragment.xml.\n\
+         Change the MJCF of the robot, or the program that drives the simulation:\n\n",
+    );
+    for line in lines {
+        let _ = writeln!(text, "- {line}");
+    }
+    text
 }
 
 /// `report.json`: the report field by field, indented. Numbers that are not finite are null.

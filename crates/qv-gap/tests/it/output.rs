@@ -647,16 +647,28 @@ fn all_files_are_written() {
     let names: Vec<&str> = written.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(
         names,
-        ["report.json", "report.html", "calibrated.toml", "robot_calibrated.urdf", "isaac_lab_actuators.py"]
+        [
+            "report.json",
+            "report.html",
+            "calibrated.toml",
+            "mjcf_by_hand.txt",
+            "robot_calibrated.urdf",
+            "isaac_lab_actuators.py"
+        ]
     );
     let text = |k: usize| std::str::from_utf8(&written[k].1).unwrap();
     let json: serde_json::Value = serde_json::from_str(text(0)).unwrap();
     assert_eq!(json["format"], "qv-diagnosis/1");
     assert_eq!(json["causes"][0]["parameters"][0]["value"], 0.01012);
     assert_eq!(json["where"]["regions"][0]["name"], "patch");
-    let read = read(text(3));
+    let by_hand = text(3);
+    assert!(
+        report().corrections.iter().all(|c| by_hand.contains(c.parameter.rsplit('.').next().unwrap())),
+        "{by_hand}"
+    );
+    let read = read(text(4));
     assert_eq!(read.joints.len(), 12, "a URDF with a comment at its end is one still");
-    assert!(text(3).states("0.0101235 0.0101235"));
+    assert!(text(4).states("0.0101235 0.0101235"));
     let nothing = files(&empty(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], Gains::default());
     assert_eq!(nothing.len(), 5, "a fragment would change nothing");
     assert!(nothing[3].1.starts_with(qv_go2::model::urdf().as_bytes()), "nothing is changed");
@@ -672,6 +684,7 @@ fn all_files_are_written() {
     let heavy = files(&heavy, &go2(), None, "run", &[], &[], Gains::default());
     let page = text_of(&heavy, "report.html");
     assert!(heavy.iter().all(|f| f.0 != "mjcf_fragment.xml"));
+    assert!(text_of(&heavy, "mjcf_by_hand.txt").contains("- in <body name=\"base\">"));
     assert!(
         page.contains("By hand: in &lt;body name=&quot;base&quot;&gt;") && page.contains("&lt;inertial mass="),
         "{page}"

@@ -28,6 +28,7 @@ const WRITTEN: [(&str, &[&str]); 13] = [
             "calibrated.toml",
             "calibrated_camera.toml",
             "mjcf_fragment.xml",
+            "mjcf_by_hand.txt",
             "robot_calibrated.urdf",
             "isaac_lab_actuators.py",
             "evidence.json",
