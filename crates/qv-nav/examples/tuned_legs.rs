@@ -1,9 +1,10 @@
 //! The visual task on the legs of hidden robots in the second engine, under walking policies that lack a part of the tuning:
 //! `tuned_legs STUDENT.bin NOMINAL.bin ROBUST.bin FIRST_SEED LAST_SEED [KEY=VALUE ...]`. The last two files are checkpoints of trainings with the default
-//! settings and with those of `qv walk train --robust`. A hidden robot records walks under the first policy; parameters and torques are fitted to them; policies
-//! are trained on; then each policy follows commands on the plane, and carries the student through the yard. Keys: `rows` (some of `n`ominal,
-//! identified `p`arameters, parameters and `t`orques, `r`obust, `a`ll), `episodes` and `walks` (of each robot and row), `log` (recorded walks of 20 s),
-//! `eye` (`rays` or `sown`), `out` (a file of one line of JSON for each robot and row; what it has is not done again).
+//! settings and with those of `qv walk train --robust`. A hidden robot records walks under the first policy; parameters and torques are fitted to them;
+//! the first policy is fine-tuned with each, with what `--robust` draws, and with all of it. Then each policy follows commands on the plane, and carries
+//! the student through the yard. Keys: `rows` (some of `n`ominal, identified `p`arameters, parameters and `t`orques, `r`obust, fine-tuned with what
+//! robust `d`raws, `a`ll), `episodes` and `walks` (of each robot and row), `log` (recorded walks of 20 s), `eye` (`rays` or `sown`), `out` (a file of
+//! one line of JSON for each robot and row; what it has is not done again, nor are the fits in the files OUT.SEED).
 
 mod hidden_legs;
 mod yard_eye;
@@ -23,13 +24,14 @@ use qv_nav::teacher::World;
 use qv_nav::weights;
 use qv_policy::policy::Policy;
 use qv_policy::train::Checkpoint;
-use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
+use qv_policy::velocity::{Ground, Randomise, TaskRobot, TaskSettings};
 use qv_residual::close::{Candidate, Event, Forget, HeldOut, Inputs, LoopSettings, fit_candidates};
 use qv_residual::hidden::{Engine, HiddenRobot};
 use qv_residual::paths::{PathScore, SECONDS};
-use qv_residual::tune::train_on;
+use qv_residual::tune::{CorrectedSimulator, train_on};
 use qv_sim::Terrain;
 use serde::{Deserialize, Serialize};
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
@@ -43,11 +45,12 @@ const TESTED: u64 = 777;
 /// Length of a recorded walk \[s\].
 const RECORDED: f32 = 20.0;
 /// Rows of the table by their letters.
-const ROWS: [(char, &str); 5] = [
+const ROWS: [(char, &str); 6] = [
     ('n', "nominal policy"),
     ('p', "identified parameters"),
     ('t', "identified parameters + residual torques"),
-    ('r', "domain randomization alone"),
+    ('r', "domain randomization, trained from nothing"),
+    ('d', "fine-tuned with domain randomization"),
     ('a', "all: domain randomization, parameters, torques"),
 ];
 
@@ -91,7 +94,12 @@ struct Bench {
     robot: TaskRobot,
     net: Net,
     student: Vec<f32>,
+    /// The training that policies are fine-tuned from, and the same with domain randomization.
     starts: [Checkpoint; 2],
+    /// A training with domain randomization from the beginning.
+    robust: Checkpoint,
+    /// The policy that is fine-tuned with domain randomization alone, which no robot changes.
+    randomized: OnceCell<Policy>,
     world: World,
     yard: Ground,
     eye: Box<dyn Eye>,
@@ -105,7 +113,10 @@ impl Bench {
         let read = |file: &str| fs::read(file).map_err(|e| format!("cannot open '{file}': {e}"));
         let net = Net::default();
         let student = weights::from_bytes(&read(files[0])?, &net)?;
-        let starts = [Checkpoint::from_bytes(&read(files[1])?)?, Checkpoint::from_bytes(&read(files[2])?)?];
+        let [start, robust] = [Checkpoint::from_bytes(&read(files[1])?)?, Checkpoint::from_bytes(&read(files[2])?)?];
+        let robot = qv_go2::walk::robot()?;
+        let mut randomized = start.clone();
+        randomized.settings.task.randomise = Randomise::robust(&robot.model.links[0].name);
         let mesh = mesh_with(&CRATES);
         let world = World::new(Map::new(&mesh, &MapSettings::default())?, Rig::default(), Limits::default());
         let [low, high] = world.map.bounds().map(|p| p.to_array());
@@ -116,14 +127,16 @@ impl Bench {
             other => return Err(format!("eye: expected rays or sown, found {other}").into()),
         };
         Ok(Self {
-            robot: qv_go2::walk::robot()?,
+            robot,
             yard: Ground::of_terrain(Terrain::from_mesh(&mesh)?, [low, high], 0.3, 1)?,
             episodes: keys.number("episodes", "40")?,
             walks: keys.number("walks", "12")?,
             log: keys.number("log", "30")?,
             net,
             student,
-            starts,
+            starts: [start, randomized],
+            robust,
+            randomized: OnceCell::new(),
             world,
             eye,
         })
@@ -135,6 +148,16 @@ impl Bench {
             2 => HiddenRobot::outside(&self.robot, Engine::Second, seed),
             _ => HiddenRobot::inside(&self.robot, Engine::Second, seed),
         }
+    }
+
+    /// Corrections fitted to a robot's recordings, or those that a file has of an earlier run.
+    fn candidates(&self, hidden: &HiddenRobot, seed: u64, file: &str) -> Fallible<Vec<Candidate>> {
+        if fs::exists(file)? {
+            return Ok(serde_json::from_slice(&fs::read(file)?)?);
+        }
+        let found = self.fit(hidden, seed)?;
+        fs::write(file, serde_json::to_vec(&found)?)?;
+        Ok(found)
     }
 
     /// Corrections fitted to a robot's recordings.
@@ -164,20 +187,37 @@ impl Bench {
         Ok(found)
     }
 
-    /// The policy of a row, and which of the two trainings it comes from.
-    fn policy(&self, row: char, candidates: &[Candidate]) -> Fallible<(Policy, &TaskSettings)> {
-        let start = &self.starts[usize::from(matches!(row, 'r' | 'a'))];
-        let kind = match row {
-            'p' => "parameters at the training's step",
-            't' | 'a' => "parameters and torques",
-            _ => return Ok((start.best_policy(&self.robot)?, &start.settings.task)),
+    /// The policy of a row.
+    fn policy(&self, row: char, candidates: &[Candidate]) -> Fallible<Policy> {
+        let [start, randomized] = &self.starts;
+        let fitted = |kind: &str| -> Fallible<CorrectedSimulator> {
+            let candidate = candidates.iter().find(|c| c.compensation.kind == kind);
+            let candidate = candidate.ok_or_else(|| format!("candidates: expected {kind}, found none"))?;
+            Ok(candidate.compensation.corrected(&self.robot))
         };
-        let candidate = candidates.iter().find(|c| c.compensation.kind == kind);
-        let corrected =
-            candidate.ok_or(format!("candidates: expected {kind}, found none"))?.compensation.corrected(&self.robot);
+        match row {
+            'p' => self.tune(start, &fitted("parameters at the training's step")?),
+            't' => self.tune(start, &fitted("parameters and torques")?),
+            'a' => self.tune(randomized, &fitted("parameters and torques")?),
+            'r' => Ok(self.robust.best_policy(&self.robot)?),
+            'd' => {
+                if let Some(policy) = self.randomized.get() {
+                    return Ok(policy.clone());
+                }
+                let policy = self.tune(randomized, &CorrectedSimulator::nominal())?;
+                Ok(self.randomized.get_or_init(|| policy).clone())
+            }
+            _ => Ok(start.best_policy(&self.robot)?),
+        }
+    }
+
+    fn tune(&self, start: &Checkpoint, corrected: &CorrectedSimulator) -> Fallible<Policy> {
         let settings = LoopSettings::default().tune;
-        let policy = train_on(&self.robot, &Ground::plane(), start, &corrected, &settings, |_, _| {})?;
-        Ok((policy, &start.settings.task))
+        Ok(train_on(&self.robot, &Ground::plane(), start, corrected, &settings, |line, score| {
+            if let Some(score) = score {
+                eprintln!("    {}: {:.3} m in the corrected simulator", line.iteration.index, score.position);
+            }
+        })?)
     }
 
     fn drive(&self, hidden: &HiddenRobot, (policy, task): (&Policy, &TaskSettings), seed: u64) -> Fallible<Vec<Trial>> {
@@ -190,7 +230,8 @@ impl Bench {
     }
 
     fn test(&self, hidden: &HiddenRobot, seed: u64, row: char, candidates: &[Candidate]) -> Fallible<Entry> {
-        let (policy, task) = self.policy(row, candidates)?;
+        let (policy, start) = (self.policy(row, candidates)?, if row == 'r' { &self.robust } else { &self.starts[0] });
+        let task = &start.settings.task;
         let clock = Instant::now();
         let asked = [SECONDS, self.walks as f32];
         let paths = hidden.score(&self.robot, &Ground::plane(), &policy, task, asked, seed)?;
@@ -277,9 +318,9 @@ fn main() -> Fallible<()> {
         return Err("expected STUDENT.bin NOMINAL.bin ROBUST.bin FIRST_SEED LAST_SEED [KEY=VALUE ...]".into());
     };
     let bench = Bench::new([student, nominal, robust], &keys)?;
-    let (rows, out) = (keys.text("rows", "nptra"), keys.text("out", "tuned_legs.jsonl"));
+    let (rows, out) = (keys.text("rows", "nptrda"), keys.text("out", "tuned_legs.jsonl"));
     if let Some(other) = rows.chars().find(|row| ROWS.iter().all(|(known, _)| known != row)) {
-        return Err(format!("rows: expected some of nptra, found {other}").into());
+        return Err(format!("rows: expected some of nptrda, found {other}").into());
     }
     let mut done = entries(&out)?;
     let mut file = fs::OpenOptions::new().create(true).append(true).open(&out)?;
@@ -289,7 +330,10 @@ fn main() -> Fallible<()> {
         let hidden = bench.hidden(seed);
         let is_fitted = missing.iter().any(|row| "pta".contains(*row));
         let clock = Instant::now();
-        let candidates = if is_fitted { bench.fit(&hidden, seed)? } else { Vec::new() };
+        let candidates = match is_fitted {
+            true => bench.candidates(&hidden, seed, &format!("{out}.{seed}"))?,
+            false => Vec::new(),
+        };
         eprintln!("{}: fitted in {:.0} s", hidden.name, clock.elapsed().as_secs_f64());
         for row in missing {
             let entry = bench.test(&hidden, seed, row, &candidates)?;
