@@ -236,6 +236,7 @@ impl Bench {
         let asked = [SECONDS, self.walks as f32];
         let paths = hidden.score(&self.robot, &Ground::plane(), &policy, task, asked, seed)?;
         let walked = clock.elapsed().as_secs_f64();
+        eprintln!("  {row}: {paths:?}");
         let trials = self.drive(hidden, (&policy, task), seed)?;
         let seconds = [walked, clock.elapsed().as_secs_f64() - walked];
         Ok(Entry { robot: seed, name: hidden.name.clone(), row, paths, trials, seconds })
@@ -264,11 +265,10 @@ fn bootstrap(values: &[f64]) -> [f64; 2] {
 fn print_table(entries: &[Entry]) {
     let of = |row: char| entries.iter().filter(|e| e.row == row).collect::<Vec<_>>();
     let trials = |found: &[&Entry]| found.iter().flat_map(|e| e.trials.clone()).collect::<Vec<_>>();
-    let nominal = trials(&of('n'));
     println!(
-        "| policy | path error [m] | 95 % | falls: walks, episodes | success of the visual task | 95 % | p against nominal |"
+        "| policy | robots | path error [m] | 95 % | falls: walks, episodes | success of the visual task | 95 % | p against nominal |"
     );
-    println!("|---|---:|---|---:|---:|---|---:|");
+    println!("|---|---:|---:|---|---:|---:|---|---:|");
     for (row, name) in ROWS {
         let found = of(row);
         if found.is_empty() {
@@ -280,10 +280,17 @@ fn print_table(entries: &[Entry]) {
         let all = trials(&found);
         let result = Row::of(&all);
         let [least, most] = result.interval.map(|x| 100.0 * x);
-        // Both must have the same episodes.
-        let p = if all.len() == nominal.len() { format!("{:.3}", compared(&nominal, &all)) } else { "-".into() };
+        // On robots that have both, in one order: their episodes are the same.
+        let paired = |own: char, other: char| {
+            let both = of(own).into_iter().filter(|e| of(other).iter().any(|o| o.robot == e.robot));
+            let mut both: Vec<&Entry> = both.collect();
+            both.sort_by_key(|e| e.robot);
+            trials(&both)
+        };
+        let p = compared(&paired('n', row), &paired(row, 'n'));
         println!(
-            "| {name} | {mean:.3} | {low:.3} to {high:.3} | {}/{}, {}/{} | {:.1} % | {least:.1} to {most:.1} | {p} |",
+            "| {name} | {} | {mean:.3} | {low:.3} to {high:.3} | {}/{}, {}/{} | {:.1} % | {least:.1} to {most:.1} | {p:.3} |",
+            found.len(),
             walks[0],
             walks[1],
             result.ends[6],
@@ -337,7 +344,7 @@ fn main() -> Fallible<()> {
         eprintln!("{}: fitted in {:.0} s", hidden.name, clock.elapsed().as_secs_f64());
         for row in missing {
             let entry = bench.test(&hidden, seed, row, &candidates)?;
-            eprintln!("  {row}: {:?}, {} reached", entry.paths, entry.trials.iter().filter(|t| t.reached()).count());
+            eprintln!("  {row}: {} reached", entry.trials.iter().filter(|t| t.reached()).count());
             writeln!(file, "{}", serde_json::to_string(&entry)?)?;
             done.push(entry);
         }
