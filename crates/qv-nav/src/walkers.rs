@@ -41,7 +41,7 @@ impl Trim {
 
 /// Velocity of a base in its heading's axes, forwards and to the left \[m/s\], and its turning rate about the vertical \[rad/s\], from a velocity in the
 /// world and one of turning in the base.
-pub(crate) fn moving(base: &Pose, linear: DVec3, turning: DVec3) -> [f64; 3] {
+pub fn moving(base: &Pose, linear: DVec3, turning: DVec3) -> [f64; 3] {
     let ahead = glam::DVec2::from_angle(base.yaw());
     let linear = linear.truncate();
     [linear.dot(ahead), linear.dot(ahead.perp()), (base.rotation * turning).z]
@@ -186,7 +186,7 @@ pub(crate) fn standing(
 }
 
 /// The base of positions as simulators have them: place, then w, x, y, z.
-pub(crate) fn pose(q: &[f32]) -> Pose {
+pub fn pose(q: &[f32]) -> Pose {
     let [x, y, z, a, b, c, d] = std::array::from_fn(|k| f64::from(q[k]));
     Pose { position: DVec3::new(x, y, z), rotation: DQuat::from_xyzw(b, c, d, a).normalize() }
 }

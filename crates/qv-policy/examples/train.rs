@@ -1,4 +1,4 @@
-//! A robot learns to follow velocity commands on the plane, and writes its policy, for studies of many seeds:
+//! A robot learns to follow velocity commands on the plane, and writes its policy and the checkpoint of `qv tune`, for studies of many seeds:
 //! `cargo run --release -p quadverse-policy --example train -- FOLDER [SEED [ITERATIONS [SETTINGS.toml [ROBOT]]]]`. The robot is the Go2, one of the
 //! list by its name, or a URDF or MJCF of one file. The last line is JSON.
 
@@ -49,6 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     std::fs::write(folder.join("last.onnx"), training.policy().to_onnx(&robot)?)?;
     let file = PolicyFile::new(&robot, &settings.task, "plane", Some(score.clone()));
     std::fs::write(folder.join("policy.toml"), file.to_text()?)?;
+    std::fs::write(folder.join("checkpoint.bin"), training.checkpoint_now().to_bytes()?)?;
     println!("{}", serde_json::json!({ "seed": settings.seed, "cpu_seconds": seconds, "score": score }));
     Ok(())
 }

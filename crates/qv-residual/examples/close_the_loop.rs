@@ -5,10 +5,8 @@
 use qv_policy::policy::Policy;
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
-use qv_residual::ResidualError;
 use qv_residual::close::{Event, Forget, Inputs, LoopSettings, close};
-use qv_residual::hidden::{Engine, HiddenRobot, Order, SCORED, wander};
-use qv_residual::log::Log;
+use qv_residual::hidden::{Engine, HiddenRobot, SCORED};
 use qv_residual::paths;
 use serde_json::json;
 use std::path::Path;
@@ -72,7 +70,7 @@ fn main() -> Result<(), Failure> {
             _ => HiddenRobot::nothing(engine),
         };
         let policy = start.best_policy(&robot)?;
-        let log = record(&hidden, &robot, &ground, &policy, &start, seed)?;
+        let log = hidden.record(&robot, &ground, &policy, &start.settings.task, (WALKS, SECONDS), seed)?;
         let clock = Instant::now();
         let inputs = Inputs {
             robot: &robot,
@@ -113,35 +111,4 @@ fn main() -> Result<(), Failure> {
         );
     }
     Ok(())
-}
-
-fn record(
-    hidden: &HiddenRobot,
-    robot: &TaskRobot,
-    ground: &Ground,
-    policy: &Policy,
-    start: &Checkpoint,
-    seed: u64,
-) -> Result<Log, ResidualError> {
-    let task = &start.settings.task;
-    let drawn: Vec<_> = (0..WALKS).map(|k| wander(&task.commands, SECONDS, seed * 100 + k)).collect();
-    let places = &ground.places[0];
-    let orders: Vec<Order> = drawn
-        .iter()
-        .zip(0u64..)
-        .map(|(commands, k)| Order {
-            commands,
-            seconds: SECONDS,
-            place: places[k as usize % places.len()],
-            seed: seed * 1000 + k,
-        })
-        .collect();
-    let mut log = Log::new(robot, task);
-    for (k, walk) in hidden.walks(robot, ground, policy, task, &orders)?.iter().enumerate() {
-        // A walk that ended in a fall at once has nothing to show.
-        if let Err(error) = log.add(&format!("walk {k}"), &walk.run, robot) {
-            eprintln!("{error}");
-        }
-    }
-    Ok(log)
 }

@@ -6,6 +6,7 @@ mod drawn;
 pub use drawn::{Engine, HiddenRobot, Outside};
 
 use crate::ResidualError;
+use crate::log::Log;
 use crate::paths::{Path, PathScore, SETTLING, from_start, measured};
 use qv_core::JointSeries;
 use qv_core::random::Xoshiro256PlusPlus;
@@ -160,6 +161,40 @@ impl HiddenRobot {
         orders.par_iter().map(|order| self.walk(robot, ground, policy, task, order)).collect()
     }
 
+    /// Its recordings of so many walks of so many seconds under commands drawn by `seed`. Walks of which nothing can be used are remarks.
+    ///
+    /// # Errors
+    /// When an engine refuses a number.
+    pub fn record(
+        &self,
+        robot: &TaskRobot,
+        ground: &Ground,
+        policy: &Policy,
+        task: &TaskSettings,
+        (walks, seconds): (u64, f32),
+        seed: u64,
+    ) -> Result<Log, ResidualError> {
+        let drawn: Vec<_> = (0..walks).map(|k| wander(&task.commands, seconds, seed * 100 + k)).collect();
+        let places = &ground.places[0];
+        let orders: Vec<Order> = (0..walks)
+            .zip(&drawn)
+            .map(|(k, commands)| Order {
+                commands,
+                seconds,
+                place: places[k as usize % places.len()],
+                seed: seed * 1000 + k,
+            })
+            .collect();
+        let mut log = Log::new(robot, task);
+        for (k, walk) in self.walks(robot, ground, policy, task, &orders)?.iter().enumerate() {
+            // A walk that ended in a fall at once has nothing to show.
+            if let Err(error) = log.add(&format!("walk {k}"), &walk.run, robot) {
+                log.remarks.push(error.to_string());
+            }
+        }
+        Ok(log)
+    }
+
     /// How far a policy strays from the paths of commands over `seconds`, one walk each; the seed draws noise.
     ///
     /// # Errors
@@ -196,78 +231,171 @@ impl HiddenRobot {
         task: &TaskSettings,
         order: &Order,
     ) -> Result<Walk, ResidualError> {
-        let (joints, rate) = (robot.joints(), task.rate);
-        let mut random = Xoshiro256PlusPlus::of(order.seed, 47, 0);
-        let start = self.standing(robot, ground, order.place);
-        let mut plant = Plant::new(self, &robot.model, ground, &start)?;
-        let wide = |list: &[f32]| list.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
-        let (kp, kd, zero) = (wide(&robot.kp), wide(&robot.kd), vec![0.0; joints]);
-        let ids: Vec<usize> = {
-            let probe = Batch::<f32>::new(&robot.model, &qv_sim::Terrain::none(), &SimOptions::default(), 1)?;
-            let names = robot.model.joint_names().iter().map(|n| format!("joint.{n}.external_torque"));
-            names.map(|n| probe.parameter_index(&n)).collect::<Result<_, _>>()?
-        };
-        let (decisions, substeps) =
-            ((order.seconds * rate) as usize, (1.0 / (f64::from(rate) * STEP)).round() as usize);
-        let mut record = Recorder::new(joints);
-        let mut targets = robot.stand.clone();
-        let (mut path, mut acting) = (Path::new(), self.acting(joints));
-        let first: Vec<f32> = start.q.iter().map(|&x| x as f32).collect();
-        let mut deciding = policy;
-        for k in 0..decisions {
-            let sensed = acting.seen(plant.sensors()?);
-            let time = k as f32 / rate;
+        let start = Start { place: order.place, yaw: 0.0, seed: order.seed };
+        let mut walker = self.start(robot, ground, policy, task, start)?;
+        let first: Vec<f32> = standing(robot, ground, &start).q.iter().map(|&x| x as f32).collect();
+        let mut record = Recorder::new(robot.joints());
+        let mut path = Path::new();
+        for k in 0..(order.seconds * task.rate) as usize {
+            let time = k as f32 / task.rate;
             let command = order.commands.iter().rev().find(|(from, _)| *from <= time).map_or([0.0; 3], |(_, c)| *c);
-            let mut observation = observation(robot, &sensed, command, &targets, &mut random);
-            observation.extend(clock_input(task.clock, rate, k, command));
-            let mut action = vec![0.0; joints];
-            deciding.decide(1, &observation, &mut action)?;
-            for j in 0..joints {
-                let (low, high) = robot.limits(j);
-                targets[j] = (robot.stand[j] + robot.action_scale[j] * action[j]).clamp(low, high);
-            }
-            let q = wide(&targets);
-            plant.command(&JointCommand { q: &q, dq: &zero, kp: &kp, kd: &kd, tau: &zero })?;
-            record.command(k as f64 / f64::from(rate), &q);
-            for step in 0..substeps {
-                if step % SAMPLE == 0 {
-                    record.sample(
-                        (k * substeps + step) as f64 * STEP,
-                        &acting.seen(plant.sensors()?),
-                        robot,
-                        &mut random,
-                    );
-                }
-                if acting.is_any() {
-                    let state = plant.state()?;
-                    let motor = plant.sensors()?.tau;
-                    plant.add_torques(&ids, acting.torques(&state, &motor, &kp, STEP))?;
-                }
-                plant.step()?;
-            }
-            let state = plant.state()?;
-            let up = 1.0 - 2.0 * (state.q[4].powi(2) + state.q[5].powi(2));
-            let under = ground.terrain.height_below(state.q[0], state.q[1], state.q[2]).unwrap_or(0.0);
-            if plant.is_faulty()? || up < 0.5 || state.q[2] - under < 0.45 * f64::from(robot.height) {
+            walker.advance(command, Some(&mut record))?;
+            if walker.fell() {
                 break;
             }
-            let now: Vec<f32> = state.q[..7].iter().map(|&x| x as f32).collect();
+            let now: Vec<f32> = walker.state()?.q[..7].iter().map(|&x| x as f32).collect();
             path.push(from_start(&first, &now));
         }
         Ok(Walk { path, run: record.run(robot) })
     }
 
-    fn standing(&self, robot: &TaskRobot, ground: &Ground, [x, y]: [f32; 2]) -> State {
-        let highest = (0..25).filter_map(|k| {
-            let reach = f64::from(robot.height);
-            let (i, j) = (f64::from(k % 5) * 0.5 - 1.0, f64::from(k / 5) * 0.5 - 1.0);
-            ground.terrain.height_below(f64::from(x) + i * reach, f64::from(y) + j * reach, 1e3)
-        });
-        let height = highest.fold(f64::NEG_INFINITY, f64::max).max(-1e3) + f64::from(robot.height);
-        let mut q = vec![f64::from(x), f64::from(y), height, 1.0, 0.0, 0.0, 0.0];
-        q.extend(robot.stand.iter().map(|&a| f64::from(a)));
-        State { v: vec![0.0; q.len() - 1], q }
+    /// Puts it onto its feet, to walk decision by decision under `policy`, which was trained under `task`.
+    ///
+    /// # Errors
+    /// When an engine refuses a number.
+    pub fn start<'a>(
+        &'a self,
+        robot: &'a TaskRobot,
+        ground: &'a Ground,
+        policy: &'a Policy,
+        task: &TaskSettings,
+        start: Start,
+    ) -> Result<HiddenWalker<'a>, ResidualError> {
+        let probe = Batch::<f32>::new(&robot.model, &qv_sim::Terrain::none(), &SimOptions::default(), 1)?;
+        let names = robot.model.joint_names().iter().map(|n| format!("joint.{n}.external_torque"));
+        let ids = names.map(|n| probe.parameter_index(&n)).collect::<Result<_, _>>()?;
+        Ok(HiddenWalker {
+            robot,
+            ground,
+            policy,
+            plant: Plant::new(self, &robot.model, ground, &standing(robot, ground, &start))?,
+            acting: self.acting(robot.joints()),
+            random: Xoshiro256PlusPlus::of(start.seed, 47, 0),
+            targets: robot.stand.clone(),
+            ids,
+            rate: task.rate,
+            clock: task.clock,
+            decisions: 0,
+            fell: false,
+        })
     }
+}
+
+/// Where a hidden robot starts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Start {
+    /// Base from above: x, y \[m\].
+    pub place: [f32; 2],
+    /// Its heading \[rad\].
+    pub yaw: f64,
+    /// Seed of its noise.
+    pub seed: u64,
+}
+
+/// A hidden robot that walks. The same start and commands give the same bits.
+pub struct HiddenWalker<'a> {
+    robot: &'a TaskRobot,
+    ground: &'a Ground,
+    policy: &'a Policy,
+    plant: Plant,
+    acting: drawn::Acting<'a>,
+    random: Xoshiro256PlusPlus,
+    /// Joint targets of the last decision \[rad\].
+    targets: Vec<f32>,
+    /// Parameters of the external torques, by joint.
+    ids: Vec<usize>,
+    /// Decisions a second \[Hz\].
+    rate: f32,
+    /// Clock that the policy sees \[Hz\]; 0 = none.
+    clock: f32,
+    decisions: usize,
+    fell: bool,
+}
+
+impl HiddenWalker<'_> {
+    /// One decision of the policy under a command: forwards, to the left \[m/s\], turning \[rad/s\]. One that fell stays as it is.
+    ///
+    /// # Errors
+    /// When an engine refuses a number.
+    pub fn step(&mut self, command: [f32; 3]) -> Result<(), ResidualError> {
+        if self.fell { Ok(()) } else { self.advance(command, None) }
+    }
+
+    /// Whether it fell: it leans by more than 60 degrees, its trunk is below 0.45 of its height, or the engine failed.
+    pub fn fell(&self) -> bool {
+        self.fell
+    }
+
+    /// True positions and velocities.
+    ///
+    /// # Errors
+    /// When the engine has none.
+    pub fn state(&self) -> Result<State, ResidualError> {
+        self.plant.state()
+    }
+
+    fn advance(&mut self, command: [f32; 3], mut record: Option<&mut Recorder>) -> Result<(), ResidualError> {
+        let wide = |list: &[f32]| list.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
+        self.decide(command)?;
+        let (q, kp, kd) = (wide(&self.targets), wide(&self.robot.kp), wide(&self.robot.kd));
+        let zero = vec![0.0; q.len()];
+        self.plant.command(&JointCommand { q: &q, dq: &zero, kp: &kp, kd: &kd, tau: &zero })?;
+        if let Some(record) = record.as_deref_mut() {
+            record.command(self.decisions as f64 / f64::from(self.rate), &q);
+        }
+        let substeps = (1.0 / (f64::from(self.rate) * STEP)).round() as usize;
+        for step in 0..substeps {
+            if let Some(record) = record.as_deref_mut().filter(|_| step % SAMPLE == 0) {
+                let time = (self.decisions * substeps + step) as f64 * STEP;
+                let sensed = self.acting.seen(self.plant.sensors()?);
+                record.sample(time, &sensed, self.robot, &mut self.random);
+            }
+            if self.acting.is_any() {
+                let (state, motor) = (self.plant.state()?, self.plant.sensors()?.tau);
+                self.plant.add_torques(&self.ids, self.acting.torques(&state, &motor, &kp, STEP))?;
+            }
+            self.plant.step()?;
+        }
+        self.decisions += 1;
+        self.fell = self.lies()?;
+        Ok(())
+    }
+
+    /// Asks the policy for new targets.
+    fn decide(&mut self, command: [f32; 3]) -> Result<(), ResidualError> {
+        let robot = self.robot;
+        let sensed = self.acting.seen(self.plant.sensors()?);
+        let mut seen = observation(robot, &sensed, command, &self.targets, &mut self.random);
+        seen.extend(clock_input(self.clock, self.rate, self.decisions, command));
+        let (mut action, mut deciding) = (vec![0.0; robot.joints()], self.policy);
+        deciding.decide(1, &seen, &mut action)?;
+        for (j, target) in self.targets.iter_mut().enumerate() {
+            let (low, high) = robot.limits(j);
+            *target = (robot.stand[j] + robot.action_scale[j] * action[j]).clamp(low, high);
+        }
+        Ok(())
+    }
+
+    fn lies(&self) -> Result<bool, ResidualError> {
+        let q = self.plant.state()?.q;
+        let up = 1.0 - 2.0 * (q[4].powi(2) + q[5].powi(2));
+        let under = self.ground.terrain.height_below(q[0], q[1], q[2]).unwrap_or(0.0);
+        Ok(self.plant.is_faulty()? || up < 0.5 || q[2] - under < 0.45 * f64::from(self.robot.height))
+    }
+}
+
+/// The robot in its stand on the highest ground under it.
+fn standing(robot: &TaskRobot, ground: &Ground, start: &Start) -> State {
+    let [x, y] = start.place;
+    let highest = (0..25).filter_map(|k| {
+        let reach = f64::from(robot.height);
+        let (i, j) = (f64::from(k % 5) * 0.5 - 1.0, f64::from(k / 5) * 0.5 - 1.0);
+        ground.terrain.height_below(f64::from(x) + i * reach, f64::from(y) + j * reach, 1e3)
+    });
+    let height = highest.fold(f64::NEG_INFINITY, f64::max).max(-1e3) + f64::from(robot.height);
+    let mut q = vec![f64::from(x), f64::from(y), height, (0.5 * start.yaw).cos(), 0.0, 0.0, (0.5 * start.yaw).sin()];
+    q.extend(robot.stand.iter().map(|&a| f64::from(a)));
+    State { v: vec![0.0; q.len() - 1], q }
 }
 
 /// What a policy sees of sensors, with noise as in training.

@@ -75,9 +75,16 @@ impl CorrectedSimulator {
         Self { parameters: BTreeMap::new(), ranges: BTreeMap::new(), torques: None }
     }
 
-    /// The task of a training, with these corrections.
+    /// The task of a training, with these corrections. What is drawn for several joints together would be drawn last, over what was identified:
+    /// it is left out.
     pub fn task(&self, task: &TaskSettings) -> TaskSettings {
         let mut task = task.clone();
+        let is_identified = |(before, after): (&str, &str)| {
+            let mut names = self.parameters.keys().chain(self.ranges.keys());
+            names.any(|name| name.starts_with(before) && name.ends_with(after))
+        };
+        let together = &mut task.randomise.together;
+        together.retain(|pattern, _| !is_identified(pattern.split_once('*').unwrap_or((pattern, ""))));
         task.parameters.extend(self.parameters.clone());
         task.randomise.parameters.extend(self.ranges.clone());
         task

@@ -43,6 +43,14 @@ fn trained(threads: usize, iterations: usize, seed: u64) -> Vec<u32> {
 }
 
 #[test]
+fn the_file_of_robust_settings_has_those_of_the_option() {
+    let (found, removed) = TrainSettings::parse(include_str!("../../../../fixtures/walk/robust.toml")).unwrap();
+    assert!(removed.is_empty(), "{removed:?}");
+    let task = TaskSettings { randomise: Randomise::robust("base"), ..Default::default() };
+    assert_eq!(found, TrainSettings { task, ..Default::default() });
+}
+
+#[test]
 fn same_bits_on_one_thread_and_on_three() {
     let one = trained(1, 4, 5);
     assert_eq!(one, trained(3, 4, 5));

@@ -29,6 +29,27 @@ use settings::is_held;
 /// # Errors
 /// When there is too little to fit or to hold out, or a number is not finite.
 pub fn close(inputs: &Inputs, keep: &dyn Keep, notify: &mut dyn FnMut(Event)) -> Result<Outcome, ResidualError> {
+    prepare(inputs, keep, notify)?.run()
+}
+
+/// The corrections that the loop would train on under, in the order in which they are tried, and whether they stay; no policy is trained.
+///
+/// # Errors
+/// As [`close`].
+pub fn fit_candidates(
+    inputs: &Inputs,
+    keep: &dyn Keep,
+    notify: &mut dyn FnMut(Event),
+) -> Result<Vec<Candidate>, ResidualError> {
+    prepare(inputs, keep, notify)?.fit_candidates()
+}
+
+/// Deals the recordings out.
+fn prepare<'a, 'b>(
+    inputs: &'a Inputs<'a>,
+    keep: &'a dyn Keep,
+    notify: &'b mut dyn FnMut(Event),
+) -> Result<stages::Loop<'a, 'b>, ResidualError> {
     let settings = inputs.settings;
     let replayer = Replayer::new(inputs.log, inputs.robot, &inputs.ground.terrain, &inputs.start.settings.task);
     let length = (settings.window * inputs.log.rate).round().max(1.0) as usize;
@@ -57,5 +78,5 @@ pub fn close(inputs: &Inputs, keep: &dyn Keep, notify: &mut dyn FnMut(Event)) ->
         ));
     }
     let tops = tops(&replayer);
-    stages::Loop { inputs, replayer, footing, remarks, held, length, tops, keep, notify }.run()
+    Ok(stages::Loop { inputs, replayer, footing, remarks, held, length, tops, keep, notify })
 }

@@ -154,6 +154,10 @@ impl Loop<'_, '_> {
         Ok(Outcome { policy: calibrated, report })
     }
 
+    pub fn fit_candidates(mut self) -> Result<Vec<Candidate>, ResidualError> {
+        Ok(self.try_all()?.candidates)
+    }
+
     /// Each kind of candidate against the last that stayed.
     fn try_all(&mut self) -> Result<CandidateSet, ResidualError> {
         let Inputs { robot, settings, given, .. } = *self.inputs;

@@ -9,7 +9,7 @@ use qv_residual::ResidualError;
 use qv_residual::close::{Forget, Inputs, Keep, LoopSettings, close};
 use qv_residual::compensation::Compensation;
 use qv_residual::fitting::{Windows, fit_shared_first};
-use qv_residual::hidden::{Engine, HiddenRobot, Order};
+use qv_residual::hidden::{Engine, HiddenRobot, Order, Start};
 use qv_residual::identify::{FitSettings, coordinates, tops};
 use qv_residual::log::Log;
 use qv_residual::study::Study;
@@ -251,4 +251,26 @@ fn settings_and_files_that_mean_nothing_are_named() {
     odd.shapes = vec![0.0; 3];
     assert!(odd.check(&robot).unwrap_err().to_string().states("72 `shapes`"));
     assert!(Compensation::parse("{}").unwrap_err().to_string().states("tune"));
+}
+
+#[test]
+fn a_hidden_robot_steps_from_where_it_starts_with_the_same_bits() {
+    let robot = qv_go2::walk::robot().unwrap();
+    let settings = TrainSettings { robots: 16, ..Default::default() };
+    let policy = Training::new(&robot, &Ground::plane(), &settings).unwrap().policy();
+    let (hidden, plane, task) =
+        (HiddenRobot::inside(&robot, Engine::Ours, 1), Ground::plane(), TaskSettings::default());
+    let walk = |seed: u64, steps: usize| {
+        let start = Start { place: [0.5, -0.25], yaw: 0.8, seed };
+        let mut walker = hidden.start(&robot, &plane, &policy, &task, start).unwrap();
+        (0..steps).for_each(|_| walker.step([0.4, 0.0, 0.2]).unwrap());
+        (walker.state().unwrap(), walker.fell())
+    };
+    let (start, fell) = walk(3, 0);
+    assert!(!fell && start.q[0] == 0.5 && start.q[1] == -0.25);
+    assert!((2.0 * start.q[6].atan2(start.q[3]) - 0.8).abs() < 1e-12, "{:?}", &start.q[..7]);
+    let (end, _) = walk(3, 10);
+    assert!(end != start && end.q.iter().chain(&end.v).all(|x| x.is_finite()));
+    assert_eq!(walk(3, 10).0, end, "the same seed gives the same bits");
+    assert_ne!(walk(4, 10).0, end, "another one has other noise");
 }

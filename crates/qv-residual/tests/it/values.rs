@@ -2,11 +2,12 @@
 
 use crate::squats;
 use qv_policy::shape_torques::{SHAPES, shapes};
-use qv_policy::velocity::{Commands, TaskSettings};
+use qv_policy::velocity::{Commands, Randomise, TaskSettings};
 use qv_residual::compensation::Compensation;
 use qv_residual::hidden::wander;
 use qv_residual::identify::{Prior, coordinates, expanded, lane_of, shapes_of, shared, tops, values, values_of};
 use qv_residual::paths::{KINDS, PathError, PathScore, commands, from_start, measured};
+use qv_residual::tune::CorrectedSimulator;
 use qv_residual::windows::{BASE_CHANNELS, Errors, Replayer, WARM, Window, windows};
 use qv_sim::Terrain;
 
@@ -151,4 +152,17 @@ fn coordinates_name_parameters_and_their_neutral_point_changes_nothing() {
     let each = expanded(&all, &few, &point);
     let changed = all.iter().zip(&each).filter(|(c, x)| **x != c.neutral);
     assert!(changed.clone().count() == 12 && changed.clone().all(|(c, x)| c.name.ends_with("strength") && *x == 0.8));
+}
+
+#[test]
+fn what_is_identified_is_not_drawn_for_all_joints_together() {
+    let task = TaskSettings { randomise: Randomise::robust("base"), ..TaskSettings::default() };
+    let nominal = CorrectedSimulator::nominal().task(&task);
+    assert_eq!(nominal.randomise, task.randomise, "nothing was identified");
+    let mut corrected = CorrectedSimulator::nominal();
+    corrected.ranges.insert("actuator.FL_hip_joint.command_latency".into(), [0.011, 0.013]);
+    let found = corrected.task(&task).randomise;
+    assert!(found.together.is_empty(), "{:?}", found.together);
+    assert_eq!(found.parameters["actuator.FL_hip_joint.command_latency"], [0.011, 0.013]);
+    assert_eq!(found.parameters["actuator.*.strength"], task.randomise.parameters["actuator.*.strength"]);
 }
