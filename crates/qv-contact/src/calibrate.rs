@@ -6,6 +6,7 @@ use crate::measured::{Recording, TICK};
 use crate::posterior::{Distribution, Evidence, evidence, interpolate, posterior};
 use crate::prior::{Prior, RANGE};
 use crate::report::{BaseError, Curves, Errors, Estimate, Place, Region, Report, Status, WindowCount};
+use crate::robot::{self, IdentifiedRobot};
 use crate::segments::{self, Search, Segment, base_errors};
 use crate::simulate::Simulator;
 use crate::windows::{self, Background, Losses, Window};
@@ -31,6 +32,9 @@ const LEAST_WINDOWS: usize = 10;
 const SLIPS: f64 = 0.08;
 /// Distance of prior and recording in standard deviations of both from which on they contradict each other.
 const CONTRADICTS: f64 = 3.0;
+/// Frictions, and how far they reach either way in the logarithm, by which it is seen how a moved robot moves what was found.
+const SHIFT_GRID: usize = 5;
+const SHIFTED: f64 = 0.3;
 /// Frictions of the paper's search.
 const SEARCHED: usize = 16;
 const SEARCH_RANGE: [f64; 2] = [0.05, 1.0];
@@ -99,10 +103,18 @@ pub fn calibrate(
     let recordings: Vec<Recording> = prepared.collect::<Result<_, _>>()?;
     distinct(&recordings)?;
     simulator.settle(&recordings[0])?;
-    let job = Job::new(&simulator, &recordings, priors, options)?;
-    let fit = job.fit()?;
+    let mut job = Job::new(&simulator, &recordings, priors, options)?;
+    let robot = job.robot()?;
+    if let Some(robot) = &robot {
+        job.simulator = &robot.simulator;
+    }
+    let mut fit = job.fit()?;
+    if let Some(robot) = &robot {
+        job.widen(&mut fit, robot)?;
+    }
     let searched = job.search()?;
     let mut report = job.report(&fit, searched)?;
+    report.robot = robot.as_ref().map_or_else(Vec::new, |robot| robot.values.clone());
     report.timing.runtime_s = options.clock.zip(started).map_or(0.0, |(clock, started)| clock() - started);
     Ok(report)
 }
@@ -179,6 +191,8 @@ struct LabelEvidence {
     losses: Losses,
     found: Evidence,
     after: Distribution,
+    /// Standard deviation of log friction that comes of what is not known of the robot.
+    of_robot: f64,
     /// Mean without what the prior says, where feet slip and it is below the slip threshold.
     lead: Option<f64>,
     /// Whether the prior was left out, since the recording contradicts it.
@@ -248,18 +262,53 @@ impl<'a> Job<'a> {
     }
 
     /// What windows say of a label. Where feet slip, a prior that the recording contradicts is left out.
-    fn said(&self, label: usize, grid: Vec<f64>, losses: Losses) -> LabelEvidence {
+    fn said(&self, label: usize, grid: Vec<f64>, losses: Losses, of_robot: f64) -> LabelEvidence {
         let found = evidence(&grid, &losses.windows, RANGE);
         let prior = &self.priors[label];
-        let after = posterior(prior, &found, RANGE, self.options.own_error);
-        let alone = posterior(&prior.wide(), &found, RANGE, self.options.own_error);
+        let own_error = self.options.own_error.hypot(of_robot);
+        let after = posterior(prior, &found, RANGE, own_error);
+        let alone = posterior(&prior.wide(), &found, RANGE, own_error);
         let [mean, sd] = prior.log_moments();
         let [found_mean, found_sd] = alone.log_moments();
         let is_apart = (mean - found_mean).abs() > CONTRADICTS * sd.hypot(found_sd);
         let leads = self.slips(label) && alone.mean() < self.options.slip_threshold;
         let is_contradicted = leads && is_apart;
         let lead = leads.then(|| alone.mean());
-        LabelEvidence { grid, losses, found, after: if is_contradicted { alone } else { after }, lead, is_contradicted }
+        let after = if is_contradicted { alone } else { after };
+        LabelEvidence { grid, losses, found, after, of_robot, lead, is_contradicted }
+    }
+
+    /// Motors and the ground's softness, as windows show them beside friction; `None` where they cannot be found, or all is given.
+    fn robot(&self) -> Result<Option<IdentifiedRobot<'a>>, ContactError> {
+        let given: Vec<String> = self.options.given.iter().map(|(name, _)| name.clone()).collect();
+        // A number for all joints needs fewer windows than the friction of each label.
+        let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
+        robot::identify(self.simulator, self.recordings, &half, self.priors, &given)
+    }
+
+    /// Widens what was found by how far it moves when the robot is moved by its own uncertainty.
+    fn widen(&self, fit: &mut Fit, robot: &IdentifiedRobot) -> Result<(), ContactError> {
+        let of = |(label, said): (usize, &Option<LabelEvidence>)| {
+            let refined = said.as_ref().filter(|s| self.status(label, &s.after) == Status::Refined);
+            refined.map_or(self.priors[label].mean, |s| s.after.mean())
+        };
+        let frictions: Vec<f64> = fit.labels.iter().enumerate().map(of).collect();
+        let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
+        for label in 0..fit.labels.len() {
+            let Some(said) = fit.labels[label].take() else { continue };
+            let grid = spread([frictions[label] * (-SHIFTED).exp(), frictions[label] * SHIFTED.exp()], SHIFT_GRID);
+            let least = |simulator: &Simulator| {
+                let varied = windows::FrictionGrid { label, frictions: &frictions, grid: &grid };
+                let usual = &fit.background.usual;
+                let losses = windows::losses(simulator, self.recordings, &half, usual, varied, &|_| {})?;
+                Ok::<f64, ContactError>(evidence(&grid, &losses.windows, [grid[0], grid[SHIFT_GRID - 1]]).least.ln())
+            };
+            let here = least(self.simulator)?;
+            let shifts = robot.moved.iter().map(|moved| Ok((least(moved)? - here).powi(2)));
+            let shift = shifts.sum::<Result<f64, ContactError>>()?.sqrt();
+            fit.labels[label] = Some(self.said(label, said.grid, said.losses, shift));
+        }
+        Ok(())
     }
 
     fn is_touched(&self, label: usize) -> bool {
@@ -301,7 +350,7 @@ impl<'a> Job<'a> {
                     windows::FrictionGrid { label, frictions: &frictions, grid: &grid },
                     &|done| self.notify(done * ticks),
                 )?;
-                let said = self.said(label, grid, losses);
+                let said = self.said(label, grid, losses, 0.0);
                 // Others are fitted beside what will be used. Where feet slip, the first rounds go where the recording leads: what is usual
                 // there, and so the weight of what windows say, depends on it.
                 let is_refined = self.status(label, &said.after) == Status::Refined;
@@ -347,6 +396,7 @@ impl<'a> Job<'a> {
             posterior: prior_estimate,
             is_lower_bound: false,
             evidence: 0.0,
+            of_robot: 0.0,
             information: 0.0,
             sensitivity: [0.0; 2],
             contact_time,
@@ -357,7 +407,8 @@ impl<'a> Job<'a> {
             grid,
             curves: curves(&before, &before),
         };
-        let Some(LabelEvidence { grid, losses, found, after, is_contradicted, .. }) = &fit.labels[label] else {
+        let Some(LabelEvidence { grid, losses, found, after, of_robot, is_contradicted, .. }) = &fit.labels[label]
+        else {
             return region;
         };
         region.prior_is_contradicted = *is_contradicted;
@@ -368,6 +419,7 @@ impl<'a> Job<'a> {
             losses.movement[k]
         };
         region.weight = found.weight;
+        region.of_robot = *of_robot;
         region.information = after.gain(&before);
         region.sensitivity = [movement(prior.mean), movement(after.mean())];
         region.status = self.status(label, after);
@@ -402,6 +454,7 @@ impl<'a> Job<'a> {
             slips,
             notes: notes(&regions, background.is_of_all, self.segments.is_empty().then_some(self.options.segment)),
             regions,
+            robot: Vec::new(),
             timing: Default::default(),
         })
     }

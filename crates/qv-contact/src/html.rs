@@ -3,6 +3,7 @@
 use crate::ground::Ground;
 use crate::report::{Region, Report, Status};
 use qv_core::label_colour;
+use qv_page::number::DASH;
 use qv_page::parts::{self, Bars, card, grid, key, track};
 use qv_page::{Band, Board, Line, Look, Page, Panel, Table, escape, fixed, percent};
 use std::fmt::Write;
@@ -63,12 +64,14 @@ fn table(report: &Report) -> String {
     ];
     let mut table = Table::new(&heads);
     for (k, r) in report.regions.iter().enumerate() {
-        let [low, high] = r.used().interval90.map(|x| fixed(x, 3));
+        let [low, high] = r.posterior.interval90.map(|x| fixed(x, 3));
+        // A prior that is kept was not measured.
+        let interval = if r.status == Status::Refined { format!("{low} to {high}") } else { DASH.into() };
         table.row(&[
             labelled(k, &r.label),
             fixed(r.prior.mean, 2),
             format!("<b>{}</b>", fixed(r.friction, 3)),
-            format!("{low} to {high}"),
+            interval,
             fixed(r.grid.as_ref().map_or(f64::NAN, |g| g.friction), 3),
             format!("{} s", fixed(r.contact_time, 1)),
             percent(r.slip_share),

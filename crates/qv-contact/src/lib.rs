@@ -17,6 +17,7 @@ pub mod measured;
 pub mod posterior;
 pub mod prior;
 pub mod report;
+pub mod robot;
 pub mod segments;
 pub mod simulate;
 pub mod whiten;

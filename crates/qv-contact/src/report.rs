@@ -3,6 +3,7 @@
 use crate::measured::SlipPlace;
 use crate::posterior::Distribution;
 use crate::prior::Prior;
+use crate::robot::IdentifiedValue;
 use crate::segments::Search;
 use serde::Serialize;
 
@@ -86,6 +87,8 @@ pub struct Region {
     pub is_lower_bound: bool,
     /// Log likelihood of the posterior's mean over that of the prior's mean, weighted as the posterior weighs it.
     pub evidence: f64,
+    /// Standard deviation of log friction that comes of what is not known of the robot, within the intervals.
+    pub of_robot: f64,
     /// Information that the posterior has over the prior \[nats\].
     pub information: f64,
     /// How far the end of a window moves when the friction changes by a tenth, in units of its usual deviation: at the
@@ -171,6 +174,8 @@ pub struct Report {
     pub format: &'static str,
     /// Labels in the order of the mesh.
     pub regions: Vec<Region>,
+    /// Motors and the ground's softness, identified beforehand; empty where they cannot be found, or all is given.
+    pub robot: Vec<IdentifiedValue>,
     /// Errors of the base before and after.
     pub base_error: BaseError,
     /// Windows of the fit.
@@ -230,6 +235,13 @@ impl Report {
     pub fn to_toml(&self) -> String {
         let mut text =
             String::from("# Friction by material, calibrated from recordings by qv contact.\n[parameters]\n");
+        for value in &self.robot {
+            let name = toml::Value::String(value.parameter.clone());
+            text += &format!(
+                "{name} = {:.5} # {:.5} before, deviation {:.5}\n",
+                value.value, value.before, value.deviation
+            );
+        }
         for region in &self.regions {
             let [low, high] = region.used().interval90;
             text += &format!(

@@ -34,9 +34,10 @@ struct Coordinate {
 }
 
 /// Motors and the ground's softness. Deviations are about a third of the largest sizes in the library of `qv diagnose`.
-const COORDINATES: [Coordinate; 5] = [
+const COORDINATES: [Coordinate; 6] = [
     Coordinate { name: "actuator.*.strength", change: Change::Factor, deviation: 0.15 },
     Coordinate { name: "actuator.*.command_latency", change: Change::Sum, deviation: 0.01 },
+    Coordinate { name: "actuator.*.lag", change: Change::Sum, deviation: 0.01 },
     Coordinate { name: "joint.*.viscous_friction", change: Change::Sum, deviation: 0.15 },
     Coordinate { name: "joint.*.coulomb_friction", change: Change::Sum, deviation: 0.3 },
     Coordinate { name: "contact.time_constant", change: Change::Factor, deviation: 0.6 },

@@ -44,6 +44,20 @@ impl<'a> Simulator<'a> {
         Ok(Self { rollout, numerics: Numerics::default(), frictions })
     }
 
+    /// The same with other values of some parameters: index in the catalogue, value. [`Self::settle`] is called anew.
+    pub fn with(&self, values: &Overrides) -> Self {
+        let mut rollout = self.rollout.clone();
+        for &(index, value) in values {
+            let value = rollout.catalogue[index].clamped(value);
+            rollout.nominal[index] = value;
+            match rollout.stated.binary_search_by_key(&index, |s| s.0) {
+                Ok(at) => rollout.stated[at].1 = value,
+                Err(at) => rollout.stated.insert(at, (index, value)),
+            }
+        }
+        Self { rollout, numerics: self.numerics, frictions: self.frictions.clone() }
+    }
+
     /// The robot on its ground.
     pub fn rollout(&self) -> &Rollout<'a> {
         &self.rollout

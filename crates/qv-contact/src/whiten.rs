@@ -14,12 +14,7 @@ pub struct Usual(Scatter);
 impl Usual {
     /// Middle and spread; `None` when there are fewer differences than [`FEWEST`], or they hold none that is finite.
     pub fn of(differences: &[Vec<f64>]) -> Option<Self> {
-        let is_whole = |d: &&Vec<f64>| !d.is_empty() && d.iter().all(|x| x.is_finite());
-        let whole: Vec<Vec<f64>> = differences.iter().filter(is_whole).cloned().collect();
-        if whole.len() < FEWEST {
-            return None;
-        }
-        Scatter::of(&whole).map(Self)
+        Scatter::of(&whole(differences)?).map(Self)
     }
 
     /// Square of the distance of a difference from the middle, in units of the spread; infinite for one of another size.
@@ -39,6 +34,26 @@ impl Usual {
         self.square(&from_middle)
     }
 
+    /// Middle at zero and the spread about it; `None` as for [`Self::of`].
+    pub fn about_zero(differences: &[Vec<f64>]) -> Option<Self> {
+        Scatter::about_zero(&whole(differences)?).map(Self)
+    }
+
+    /// A difference of two differences in units of the spread, uncorrelated; `None` when its size is another or it is not finite.
+    pub fn whitened(&self, mut difference: Vec<f64>) -> Option<Vec<f64>> {
+        if difference.len() != self.0.middle.len() || difference.iter().any(|x| !x.is_finite()) {
+            return None;
+        }
+        self.0.factor.whiten(&mut difference);
+        Some(difference)
+    }
+
+    /// Weight of a difference at that square of its distance: 1 at what is usual, less beyond.
+    pub fn weight(&self, square: f64) -> f64 {
+        let size = self.0.middle.len() as f64;
+        (FREEDOM + size) / (FREEDOM + square)
+    }
+
     /// The same spread about zero.
     pub fn centred(mut self) -> Self {
         self.0.middle.fill(0.0);
@@ -51,6 +66,13 @@ impl Usual {
         let square = self.square(difference).min(WORST * size);
         0.5 * (FREEDOM + size) * (1.0 + square / FREEDOM).ln()
     }
+}
+
+/// Those that ended and are finite; `None` when they are too few.
+fn whole(differences: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
+    let is_whole = |d: &&Vec<f64>| !d.is_empty() && d.iter().all(|x| x.is_finite());
+    let whole: Vec<Vec<f64>> = differences.iter().filter(is_whole).cloned().collect();
+    (whole.len() >= FEWEST).then_some(whole)
 }
 
 /// Fewest differences that show what is usual.

@@ -28,7 +28,7 @@ pub struct Window {
 }
 
 impl Window {
-    fn cluster(&self) -> usize {
+    pub(crate) fn cluster(&self) -> usize {
         // Runs apart from each other; no run has a million clusters.
         self.run * 1_000_000 + self.from / (TICKS * CLUSTER)
     }
@@ -126,6 +126,21 @@ pub fn background(
         Some(usual) => Background { usual, windows: calm.len(), is_of_all: false },
         None => Background { usual: rough.centred(), windows: all.len(), is_of_all: true },
     })
+}
+
+/// Measured minus simulated ends of windows under some frictions, in the axes of the heading; empty where a simulation ran away.
+///
+/// # Errors
+/// When the simulator refuses.
+pub(crate) fn differences(
+    simulator: &Simulator,
+    recordings: &[Recording],
+    windows: &[Window],
+    frictions: &[f64],
+) -> Result<Vec<Vec<f64>>, ContactError> {
+    let tasks: Vec<Task> = windows.iter().map(|w| w.task(vec![frictions.to_vec()])).collect();
+    let simulated = simulator.run(recordings, &tasks, TICKS, &|_| {})?;
+    Ok(windows.iter().zip(&simulated).map(|(w, of)| w.difference(recordings, &of[0])).collect())
 }
 
 /// Frictions of one label over a grid, beside those of the others.

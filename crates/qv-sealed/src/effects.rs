@@ -179,11 +179,13 @@ impl Cause {
             "torque_speed_limit" => torque_speed_limit(draws, scout),
             "ground_friction" => ground_friction(draws, scout),
             "external_force" => Some(external_force(draws, walking)),
-            _ => joint_effect(effect, draws)
-                .or_else(|| body_effect(effect, draws))
-                .or_else(|| contact_effect(effect, draws))
-                .or_else(|| sensing_effect(effect, draws)),
+            _ => Self::of_any_motion(effect, draws).or_else(|| sensing_effect(effect, draws)),
         }
+    }
+
+    /// The same of joints, bodies and contacts whose size does not depend on the motion.
+    pub(crate) fn of_any_motion(effect: &'static str, draws: &mut SplitMix64) -> Option<Self> {
+        joint_effect(effect, draws).or_else(|| body_effect(effect, draws)).or_else(|| contact_effect(effect, draws))
     }
 
     /// The same effect with so many times its size. Limits, frictions of the ground and the time constant of contacts are values, not

@@ -21,7 +21,7 @@ mod withheld;
 pub use draw::{ATTEMPTS, DrawnRecipe, EngineChoice, FaultRequest, Rejection, Request, ValidRecording, make, redraw};
 pub use effects::{Cause, EFFECTS, Figure, Region, confusable_group, interface, needs_our_engine};
 pub use engine::Engine;
-pub use mixed::{GRIPPY, MixedGround, SLIPPERY, make_mixed, redraw_mixed};
+pub use mixed::{GRIPPY, MixedGround, MixedRequest, SLIPPERY, make_mixed, redraw_mixed};
 pub use recipe::Recipe;
 pub use record::{Outcome, record};
 pub use sections::{Motion, Plan, SETTLING, Section};

@@ -1,6 +1,7 @@
 //! Recordings on ground of several labelled materials, whose frictions only the answers show.
 
 use crate::draw::{ATTEMPTS, EngineChoice, Rejection};
+use crate::effects::{Cause, needs_our_engine};
 use crate::engine::Engine;
 use crate::plant::Plant;
 use crate::recipe::{self, Recipe};
@@ -40,6 +41,27 @@ const LEAST_ON_EACH: f64 = 6.0;
 /// Half of the side of the ground \[m\].
 const HALF: f64 = 14.0;
 
+/// Faults of motors, and soft ground, that make friction hard to see.
+const FAULTS: [&str; 6] = [
+    "motor_strength",
+    "command_latency",
+    "actuator_lag",
+    "joint_coulomb_friction",
+    "joint_viscous_friction",
+    "contact_compliance",
+];
+
+/// What is to be recorded on mixed ground.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MixedRequest {
+    /// Engine.
+    pub engine: EngineChoice,
+    /// Length \[s\].
+    pub seconds: f64,
+    /// Faults of the robot, or soft ground where the engine has it, all different; at most 5.
+    pub faults: usize,
+}
+
 /// A recording on ground of four materials.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MixedGround {
@@ -62,24 +84,20 @@ impl MixedGround {
     }
 }
 
-/// Draws grounds, robots and walks of `seconds` from sub-seeds of `seed` until the robot stays on its feet and steps on
+/// Draws grounds, robots and walks from sub-seeds of `seed` until the robot stays on its feet and steps on
 /// all four materials; with the messages of the recording.
 ///
 /// # Errors
 /// When the second engine is asked for and not built in, or no draw of [`ATTEMPTS`] was valid.
-pub fn make_mixed(
-    engine: EngineChoice,
-    seed: u64,
-    seconds: f64,
-) -> Result<(MixedGround, Vec<Message>), RecordingError> {
+pub fn make_mixed(request: MixedRequest, seed: u64) -> Result<(MixedGround, Vec<Message>), RecordingError> {
     let mut rejected = Vec::new();
     for attempt in 0..ATTEMPTS {
-        let mut mixed = draw(engine, sub_seed(seed, attempt), seconds);
+        let mut mixed = draw(request, sub_seed(seed, attempt));
         let mut time = vec![0.0; 4];
         let (outcome, messages) = record_seen(&mixed.recipe, |plant, seen, state| {
             add_contact(&mixed.recipe, plant, seen, state, &mut time);
         })?;
-        let needed = LEAST_ON_EACH * seconds / 60.0;
+        let needed = LEAST_ON_EACH * request.seconds / 60.0;
         match outcome {
             Outcome::Fell { at } => rejected.push(Rejection::Fell(at)),
             Outcome::Stood { .. } if time.iter().any(|t| *t < needed) => rejected.push(Rejection::DoesNotAct),
@@ -94,12 +112,14 @@ pub fn make_mixed(
 }
 
 /// What [`make_mixed`] took after `redraws` rejections, without recording it again.
-pub fn redraw_mixed(engine: EngineChoice, seed: u64, seconds: f64, redraws: u64) -> MixedGround {
-    draw(engine, sub_seed(seed, redraws), seconds)
+pub fn redraw_mixed(request: MixedRequest, seed: u64, redraws: u64) -> MixedGround {
+    draw(request, sub_seed(seed, redraws))
 }
 
-fn draw(engine: EngineChoice, seed: u64, seconds: f64) -> MixedGround {
+fn draw(MixedRequest { engine, seconds, faults }: MixedRequest, seed: u64) -> MixedGround {
     let mut draws = SplitMix64::new(seed);
+    let acts = |fault: &&str| engine == EngineChoice::Ours || !needs_our_engine(fault);
+    let mut possible: Vec<&'static str> = FAULTS.into_iter().filter(acts).collect();
     let engine = match engine {
         EngineChoice::Ours => Engine::ours(&mut draws),
         EngineChoice::Second => Engine::second(&mut draws),
@@ -107,7 +127,7 @@ fn draw(engine: EngineChoice, seed: u64, seconds: f64) -> MixedGround {
     let (materials, slippery) = materials(&mut draws);
     let cell = draws.between(0.6, 0.9);
     let origin = [draws.between(0.0, 2.0 * cell), draws.between(0.0, 2.0 * cell)];
-    let recipe = Recipe {
+    let mut recipe = Recipe {
         seed: sub_seed(seed, 1),
         engine,
         plan: walks(&mut draws, seconds),
@@ -119,6 +139,10 @@ fn draw(engine: EngineChoice, seed: u64, seconds: f64) -> MixedGround {
         withheld: None,
         ground: Some(patchwork(materials, cell, origin)),
     };
+    for _ in 0..faults.min(possible.len()) {
+        let effect = possible.swap_remove(draws.index(possible.len()));
+        recipe.causes.extend(Cause::of_any_motion(effect, &mut draws));
+    }
     MixedGround { recipe, slippery, contact_time: Vec::new(), rejected: Vec::new() }
 }
 

@@ -217,11 +217,15 @@ fn summary(report: &Report) -> String {
         "material               prior   friction   90 % interval     grid   on it    slipping   evidence\n",
     );
     for r in &report.regions {
-        let [low, high] = r.used().interval90;
+        // A prior that is kept was not measured.
+        let interval = match r.status {
+            Status::Refined => format!("{:.3} to {:.3}", r.posterior.interval90[0], r.posterior.interval90[1]),
+            _ => "-".into(),
+        };
         let grid = r.grid.as_ref().map_or("-".to_string(), |g| format!("{:.3}", g.friction));
         let status = if r.status == Status::Refined { String::new() } else { format!("  {}", r.status.words()) };
         text += &format!(
-            "{:<20} {:>7.3} {:>10.3}   {low:.3} to {high:.3} {grid:>8} {:>6.1} s {:>8.0} % {:>10.1}{status}\n",
+            "{:<20} {:>7.3} {:>10.3}   {interval:>14} {grid:>8} {:>6.1} s {:>8.0} % {:>10.1}{status}\n",
             r.label,
             r.prior.mean,
             r.friction,
@@ -229,6 +233,10 @@ fn summary(report: &Report) -> String {
             100.0 * r.slip_share,
             r.evidence,
         );
+    }
+    for value in &report.robot {
+        text +=
+            &format!("{}: {:.4} ± {:.4}, {:.4} before\n", value.parameter, value.value, value.deviation, value.before);
     }
     let base = &report.base_error;
     for (what, errors) in [("unseen", base.held_out), ("all", base.all)] {

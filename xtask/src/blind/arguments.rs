@@ -28,6 +28,9 @@ pub struct Blind {
     /// Length of those, in seconds
     #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
     pub seconds: f64,
+    /// Faults of the robot, or soft ground, in each of those
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub faults: usize,
     /// Answers to score them by
     #[arg(long, value_name = "FILE", requires = "reports_only")]
     pub answers: Option<PathBuf>,

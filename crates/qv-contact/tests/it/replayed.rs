@@ -1,6 +1,6 @@
 //! Replay on ground of known friction: the truth is nearest, and the search and the posterior find it.
 
-use crate::strips::{TRUTH, go2, mesh, prepared, run};
+use crate::strips::{TRUTH, go2, mesh, prepared, run, run_of};
 use qv_contact::prior::{Prior, from_table};
 use qv_contact::report::Status;
 use qv_contact::{Ground, Options, calibrate, segments};
@@ -50,4 +50,32 @@ fn a_calibration_finds_the_friction_that_the_recording_has() {
         "priors of other labels"
     );
     assert!(calibrate(&[], &model, &mesh(), &priors, &options).is_err(), "no recording");
+}
+
+#[test]
+fn weak_and_late_motors_are_identified_beside_the_friction() {
+    let (model, ground) = (go2(), Ground::new(&mesh()).unwrap());
+    let priors: Vec<Prior> = from_table(&ground.labels(), &qv_contact::prior::built_in()).unwrap();
+    let faulty: Vec<(String, f64)> = model
+        .joint_names()
+        .iter()
+        .flat_map(|n| [(format!("actuator.{n}.strength"), 0.8), (format!("actuator.{n}.command_latency"), 0.012)])
+        .collect();
+    let run = run_of(faulty.clone());
+    let calibrated = |given: Vec<(String, f64)>| {
+        let options = Options { most_windows: 250, given, ..Options::default() };
+        calibrate(std::slice::from_ref(&run), &model, &mesh(), &priors, &options).unwrap()
+    };
+    let found = calibrated(vec![]);
+    let of = |name: &str| found.robot.iter().find(|v| v.parameter == name).unwrap();
+    let (strength, latency) = (of("actuator.*.strength"), of("actuator.*.command_latency"));
+    assert!((strength.value - 0.8).abs() < 3.0 * strength.deviation.max(0.01), "{:?}", found.robot);
+    assert!((latency.value - 0.012).abs() < 3.0 * latency.deviation.max(0.0005), "{:?}", found.robot);
+    let ice = &found.regions[0];
+    let [low, high] = ice.posterior.interval95;
+    assert!((low..=high).contains(&TRUTH[0]), "{:?} {}", ice.posterior, ice.of_robot);
+    // What is given is not identified.
+    let known = calibrated(faulty);
+    let names: Vec<&str> = known.robot.iter().map(|v| v.parameter.as_str()).collect();
+    assert!(!names.contains(&"actuator.*.strength") && names.contains(&"contact.time_constant"), "{names:?}");
 }

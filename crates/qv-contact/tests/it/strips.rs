@@ -38,15 +38,18 @@ pub fn go2() -> Model {
 /// The recording, without differences of the robot.
 pub fn run() -> &'static Run {
     static MADE: OnceLock<Run> = OnceLock::new();
-    MADE.get_or_init(|| {
-        let robot = Robot { parameters: vec![], seed: 3, start: [0.0; 3] };
-        let messages = synthetic::record(&Terrain::from_mesh(&mesh()).unwrap(), &robot).unwrap();
-        let mut bytes = Cursor::new(vec![]);
-        synthetic::write_bag(&messages, &mut bytes).unwrap();
-        bytes.set_position(0);
-        let files = vec![BagFile { name: "strips".into(), source: bytes }];
-        qv_recording::read_bag(files, &qv_go2::wire::mapping(None)).unwrap()
-    })
+    MADE.get_or_init(|| run_of(vec![]))
+}
+
+/// A recording of a robot with these parameters.
+pub fn run_of(parameters: Vec<(String, f64)>) -> Run {
+    let robot = Robot { parameters, seed: 3, start: [0.0; 3] };
+    let messages = synthetic::record(&Terrain::from_mesh(&mesh()).unwrap(), &robot).unwrap();
+    let mut bytes = Cursor::new(vec![]);
+    synthetic::write_bag(&messages, &mut bytes).unwrap();
+    bytes.set_position(0);
+    let files = vec![BagFile { name: "strips".into(), source: bytes }];
+    qv_recording::read_bag(files, &qv_go2::wire::mapping(None)).unwrap()
 }
 
 /// The recording prepared, and a simulator of the ground with the given frictions.

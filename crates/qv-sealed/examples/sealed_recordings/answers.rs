@@ -36,6 +36,7 @@ pub fn of_mixed(mixed: &MixedGround, redraws: u64) -> Value {
         "case": "mixed",
         "frictions": materials.map(|m| (m.name.clone(), json!(m.friction))).collect::<Map<_, _>>(),
         "slippery": mixed.slippery,
+        "faults": recipe.causes.iter().map(cause).collect::<Vec<_>>(),
         "seed": recipe.seed,
         "engine": engine(&recipe.engine),
         "gains": {"kp": recipe.kp, "kd": recipe.kd},

@@ -53,6 +53,9 @@ struct Arguments {
     /// Recordings on ground of four materials, with terrain.glb beside them
     #[arg(long, default_value_t = 0, value_name = "N")]
     mixed: usize,
+    /// Faults of motors, or soft ground, in each of those
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    mixed_faults: usize,
     /// Length of those \[s\]
     #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
     seconds: f64,
@@ -170,15 +173,13 @@ fn carry_out_mixed(
     let index = usize::MAX / 2 + turn;
     let (name, seed) = (opaque(arguments.seed, index, false), sub_seed(arguments.seed, index as u64));
     let folder = arguments.out.join(&name);
+    let request = qv_sealed::MixedRequest { engine, seconds: arguments.seconds, faults: arguments.mixed_faults };
     let mixed = match known.get(&name) {
         Some(&redraws) if folder.join("run.mcap").is_file() && folder.join("terrain.glb").is_file() => {
-            return Ok((
-                name,
-                answers::of_mixed(&qv_sealed::redraw_mixed(engine, seed, arguments.seconds, redraws), redraws),
-            ));
+            return Ok((name, answers::of_mixed(&qv_sealed::redraw_mixed(request, seed, redraws), redraws)));
         }
         _ => {
-            let (mixed, messages) = qv_sealed::make_mixed(engine, seed, arguments.seconds)?;
+            let (mixed, messages) = qv_sealed::make_mixed(request, seed)?;
             fs::create_dir_all(&folder)?;
             fs::write(folder.join("terrain.glb"), qv_mesh::files::glb::write(&mixed.labelled()))?;
             write(&folder, &messages)?;
