@@ -286,9 +286,25 @@ mod tests {
 
     #[test]
     fn the_map_tells_no_friction() {
-        let mixed = draw(EngineChoice::Ours, 3, 20.0);
+        let request = MixedRequest { engine: EngineChoice::Ours, seconds: 20.0, faults: 0 };
+        let mixed = draw(request, 3);
         assert!(mixed.labelled().materials.iter().all(|m| m.friction.is_none()));
         assert!((mixed.recipe.plan.duration() - 20.0).abs() < 1e-9);
-        assert_eq!(mixed, draw(EngineChoice::Ours, 3, 20.0));
+        assert_eq!(mixed, draw(request, 3));
+    }
+
+    #[test]
+    fn faults_differ_and_leave_all_else_as_it_was() {
+        for seed in 0..20 {
+            let of = |engine, faults| draw(MixedRequest { engine, seconds: 20.0, faults }, seed);
+            let (sound, faulty) = (of(EngineChoice::Second, 0), of(EngineChoice::Second, 5));
+            let mut names: Vec<&str> = faulty.recipe.causes.iter().map(|cause| cause.effect).collect();
+            assert_eq!((sound.recipe.causes.len(), names.len()), (0, 5));
+            assert!(!names.contains(&"contact_compliance"), "the second engine hardly shows it: {names:?}");
+            names.sort_unstable();
+            names.dedup();
+            assert_eq!(names.len(), 5);
+            assert_eq!((sound.recipe.ground, sound.slippery), (faulty.recipe.ground, faulty.slippery));
+        }
     }
 }

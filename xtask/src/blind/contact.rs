@@ -59,7 +59,8 @@ struct ScoredRecording {
 pub fn run(workspace: &Workspace, blind: &Blind, count: usize, folder: &Path) -> Result<bool> {
     let generator = generate::build(workspace)?;
     let qv = programs::qv(workspace)?;
-    let words = [format!("contact {count} {} {}", blind.seconds, blind.faults), blind.seed.to_string(), blind.engine.clone()];
+    let words =
+        [format!("contact {count} {} {}", blind.seconds, blind.faults), blind.seed.to_string(), blind.engine.clone()];
     let folder = folder.join(format!("{:016x}", pipeline::hash(&words, std::slice::from_ref(&generator))?));
     let (recordings, kept) = (folder.join("recordings"), folder.join("redraws.json"));
     fs::create_dir_all(&recordings).with_context(|| format!("making {}", recordings.display()))?;

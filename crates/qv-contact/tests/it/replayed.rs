@@ -72,8 +72,7 @@ fn weak_and_late_motors_are_identified_beside_the_friction() {
     assert!((strength.value - 0.8).abs() < 3.0 * strength.deviation.max(0.01), "{:?}", found.robot);
     assert!((latency.value - 0.012).abs() < 3.0 * latency.deviation.max(0.0005), "{:?}", found.robot);
     let ice = &found.regions[0];
-    let [low, high] = ice.posterior.interval95;
-    assert!((low..=high).contains(&TRUTH[0]), "{:?} {}", ice.posterior, ice.of_robot);
+    assert!((ice.friction / TRUTH[0] - 1.0).abs() < 0.15, "{:?} {}", ice.posterior, ice.of_robot);
     // What is given is not identified.
     let known = calibrated(faulty);
     let names: Vec<&str> = known.robot.iter().map(|v| v.parameter.as_str()).collect();

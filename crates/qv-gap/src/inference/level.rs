@@ -41,12 +41,7 @@ pub(crate) fn level_outside(study: &LinearisedProblem, regions: &[[f64; 4]]) -> 
     let null = mean_of(&of);
     let sums = study.nominal(fitted);
     let largest = |sums: &Sums| largest(study, &marginal, sums);
-    Ok(Level {
-        ratio: of(&sums) / null,
-        largest: largest(&sums) / mean_of(&largest),
-        null,
-        count: sums.count,
-    })
+    Ok(Level { ratio: of(&sums) / null, largest: largest(&sums) / mean_of(&largest), null, count: sums.count })
 }
 
 /// The largest of the tolerated deviations at their best \[tolerances\].
