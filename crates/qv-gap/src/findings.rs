@@ -498,10 +498,6 @@ pub struct Level {
     /// Of the recording.
     #[serde(deserialize_with = "or_nan")]
     pub ratio: f64,
-    /// The largest of the tolerated deviations at their best, in tolerances, over the mean of the null: what absorbs an effect that no candidate
-    /// has. NaN in older evidence, and of robots that are compared window by window.
-    #[serde(default = "nan", deserialize_with = "or_nan")]
-    pub largest: f64,
     /// Mean loss per number of the null.
     #[serde(deserialize_with = "or_nan")]
     pub null: f64,
@@ -555,11 +551,6 @@ impl<T: Numbers> Numbers for Vec<T> {
     fn read(stored: Self::JsonForm) -> Self {
         stored.into_iter().map(T::read).collect()
     }
-}
-
-/// What older evidence lacks.
-fn nan() -> f64 {
-    f64::NAN
 }
 
 /// Reads numbers of which some may be null.

@@ -28,8 +28,7 @@ pub struct Policy {
     /// Evidence, in units of what a cause needs, from which on something is there though no cause is found: the right one may not
     /// be in the library.
     pub suspicious: f64,
-    /// Loss over that of the null that 98 % of robots without an effect stay below, of three engines' contacts and within tolerances. Their largest
-    /// tolerated deviation over that of the null stays below it, too.
+    /// Loss over that of the null that 98 % of robots without an effect stay below, of three engines' contacts and within tolerances.
     pub faultless_level: f64,
     /// Held-out gap over the floor from which on one more cause is looked for.
     pub much_left: f64,
@@ -172,11 +171,6 @@ impl Policy {
     /// Whether a level is one that robots without an effect have.
     pub(crate) fn is_faultless(&self, level: &Level, is_free: bool) -> bool {
         level.ratio < if is_free { self.faultless_level } else { self.held_windows.no_gap }
-    }
-
-    /// Whether a deviation that every robot may have is larger than robots without an effect show: no candidate has the effect that it absorbs.
-    pub(crate) fn is_strained(&self, level: &Level) -> bool {
-        level.largest >= self.faultless_level
     }
 
     /// Whether a size \[tolerances\] is no more than any robot may deviate by; what has none is no trifle.

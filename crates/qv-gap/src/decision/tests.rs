@@ -7,7 +7,7 @@ use crate::problem::columns::Extent;
 use std::collections::BTreeMap;
 
 fn level(ratio: f64) -> Level {
-    Level { ratio, largest: 1.0, null: 1.0, count: 1000.0 }
+    Level { ratio, null: 1.0, count: 1000.0 }
 }
 
 /// A good candidate with that evidence.
@@ -288,18 +288,4 @@ fn a_trifle_of_all_joints_is_no_cause_in_some_of_them() {
     // One of other joints stands for itself.
     let elsewhere = Candidate { members: vec![1, 4, 7], ..whole };
     assert_eq!(judged(&[elsewhere, part]).accused, [1]);
-}
-
-#[test]
-fn a_deviation_that_no_robot_without_an_effect_has_is_a_gap() {
-    let alone = |largest: f64| {
-        let (mut evidence, mut first) = (latency(), round(vec![], &[]));
-        let level = Level { largest, ..level(1.1) };
-        (first.level, first.excess) = (level, 0.0);
-        (evidence.level, evidence.rounds, evidence.corrected) = (level, vec![first], None);
-        decided(&evidence, &Policy::default()).verdict
-    };
-    assert_eq!(alone(1.2), Verdict::NoGap);
-    assert_eq!(alone(3.0), Verdict::Unexplained);
-    assert_eq!(alone(f64::NAN), Verdict::NoGap, "older evidence does not have it");
 }

@@ -151,8 +151,7 @@ impl Case<'_> {
         let Evidence { is_free, level, rounds, .. } = self.evidence;
         let suspicious = |round: &Round| Judge::new(self.policy, round, *is_free).is_suspicious();
         let is_suspicious = *is_free && rounds.first().is_some_and(suspicious);
-        let is_strained = *is_free && self.policy.is_strained(level);
-        let is_faultless = self.policy.is_faultless(level, *is_free) && !is_suspicious && !is_strained;
+        let is_faultless = self.policy.is_faultless(level, *is_free) && !is_suspicious;
         if is_faultless { Verdict::NoGap } else { Verdict::Unexplained }
     }
 

@@ -76,12 +76,7 @@ fn one(
         is_free: false,
         joints: model.joint_names().to_vec(),
         effects: options.library.iter().map(|e| facts(e, without)).collect(),
-        level: Level {
-            ratio: held.loss / held.reference_loss(),
-            largest: f64::NAN,
-            null: held.reference_loss(),
-            count: f64::NAN,
-        },
+        level: Level { ratio: held.loss / held.reference_loss(), null: held.reference_loss(), count: f64::NAN },
         held_out: [held.loss, held.reference_loss()],
         rounds: Vec::new(),
         corrected: None,

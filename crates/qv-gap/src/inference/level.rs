@@ -2,7 +2,7 @@
 
 use crate::GapError;
 use crate::findings::Level;
-use crate::inference::gaussian_evidence::{Marginal, Sums};
+use crate::inference::gaussian_evidence::Sums;
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::regions::is_within_reach;
 use crate::inference::regions::place;
@@ -35,20 +35,11 @@ pub(crate) fn level_outside(study: &LinearisedProblem, regions: &[[f64; 4]]) -> 
     let marginal = study.marginal(fitted)?;
     let of = |sums: &Sums| marginal.loss(sums) / sums.count.max(1.0);
     let all: Vec<usize> = (0..study.seen.len()).collect();
-    let replicates: Vec<Sums> = study.replicates.iter().map(|g| study.sums(g, &all, fitted)).collect();
-    let mean_of =
-        |f: &dyn Fn(&Sums) -> f64| mean(&replicates.iter().map(f).filter(|x| x.is_finite()).collect::<Vec<_>>());
-    let null = mean_of(&of);
+    let nulls: Vec<f64> =
+        study.replicates.iter().map(|g| of(&study.sums(g, &all, fitted))).filter(|x| x.is_finite()).collect();
+    let null = mean(&nulls);
     let sums = study.nominal(fitted);
-    let largest = |sums: &Sums| largest(study, &marginal, sums);
-    Ok(Level { ratio: of(&sums) / null, largest: largest(&sums) / mean_of(&largest), null, count: sums.count })
-}
-
-/// The largest of the tolerated deviations at their best \[tolerances\].
-fn largest(study: &LinearisedProblem, marginal: &Marginal, sums: &Sums) -> f64 {
-    let best = marginal.deviations(sums);
-    let each = best.iter().zip(&study.tolerance).map(|(deviation, tolerance)| (deviation / tolerance).abs());
-    each.fold(0.0, f64::max)
+    Ok(Level { ratio: of(&sums) / null, null, count: sums.count })
 }
 
 /// Mean; 0 of nothing.
