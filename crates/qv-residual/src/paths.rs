@@ -9,30 +9,25 @@ use qv_policy::velocity::{Commands, VelocityTask};
 use serde::{Deserialize, Serialize};
 
 /// Kinds of command, as shares of the greatest that the policy was trained under: forwards, to the left, turning to the left.
-pub const KINDS: [(&str, [f32; 3]); 8] = [
+pub const KINDS: [(&str, [f32; 3]); 6] = [
     ("slowly ahead", [0.5, 0.0, 0.0]),
     ("fast ahead", [0.9, 0.0, 0.0]),
     ("backwards", [-0.8, 0.0, 0.0]),
     ("to the left, ahead", [0.4, 0.7, 0.0]),
     ("a bend to the right", [0.6, 0.0, -0.6]),
     ("a bend to the left", [0.6, 0.0, 0.6]),
-    ("to the right", [0.0, -0.7, 0.0]),
-    ("turning on the spot", [0.0, 0.0, 0.7]),
 ];
 
-/// Commands of `count` walks: each of the [`KINDS`], varied by up to a fifth, then as many [`uniform`] ones, and so on in turn.
+/// Commands of `count` walks, all kinds in turn, each varied by up to a fifth.
 pub fn commands(ranges: &Commands, count: usize, seed: u64) -> Vec<[f32; 3]> {
     let mut random = Xoshiro256PlusPlus::of(seed, 41, 0);
     let of =
         |share: f32, [low, high]: [f32; 2]| if share < 0.0 { -share * low.min(0.0) } else { share * high.max(0.0) };
-    let mut drawn = uniform(ranges, count, seed).into_iter();
     (0..count)
-        .map(|k| match KINDS.get(k % (2 * KINDS.len())) {
-            Some((_, [x, y, turn])) => {
-                let varied = random.between(0.8, 1.1);
-                [of(*x, ranges.vx) * varied, of(*y, ranges.vy) * varied, of(*turn, ranges.wz) * varied]
-            }
-            None => drawn.next().unwrap_or_default(),
+        .map(|k| {
+            let [x, y, turn] = KINDS[k % KINDS.len()].1;
+            let varied = random.between(0.8, 1.1);
+            [of(x, ranges.vx) * varied, of(y, ranges.vy) * varied, of(turn, ranges.wz) * varied]
         })
         .collect()
 }

@@ -20,8 +20,8 @@ pub struct Paths {
     /// Set the length of each walk
     #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive, help_heading = "What to test", hide_short_help = true)]
     seconds: f64,
-    /// Run N walks, in turn of eight kinds of command and under commands drawn uniformly
-    #[arg(long, default_value_t = 32, value_name = "N", value_parser = clap::value_parser!(u16).range(8..), help_heading = "What to test")]
+    /// Run N walks over six kinds of command
+    #[arg(long, default_value_t = 24, value_name = "N", value_parser = clap::value_parser!(u16).range(6..), help_heading = "What to test")]
     walks: u16,
     /// Write the figures to this file
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
