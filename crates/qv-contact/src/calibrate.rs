@@ -278,11 +278,16 @@ impl<'a> Job<'a> {
         LabelEvidence { grid, losses, found, after, of_robot, lead, is_contradicted }
     }
 
+    /// Every second window, for what does not need all.
+    fn half(&self) -> Vec<Window> {
+        self.windows.iter().step_by(2).cloned().collect()
+    }
+
     /// Motors and the ground's softness, as windows show them beside friction; `None` where they cannot be found, or all is given.
     fn robot(&self) -> Result<Option<IdentifiedRobot<'a>>, ContactError> {
         let given: Vec<String> = self.options.given.iter().map(|(name, _)| name.clone()).collect();
         // A number for all joints needs fewer windows than the friction of each label.
-        let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
+        let half = self.half();
         robot::identify(self.simulator, self.recordings, &half, self.priors, &given)
     }
 
@@ -293,7 +298,7 @@ impl<'a> Job<'a> {
             refined.map_or(self.priors[label].mean, |s| s.after.mean())
         };
         let frictions: Vec<f64> = fit.labels.iter().enumerate().map(of).collect();
-        let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
+        let half = self.half();
         for label in 0..fit.labels.len() {
             let Some(said) = fit.labels[label].take() else { continue };
             let grid = spread([frictions[label] * (-SHIFTED).exp(), frictions[label] * SHIFTED.exp()], SHIFT_GRID);
@@ -335,7 +340,7 @@ impl<'a> Job<'a> {
         // Where feet slip most there is most to find, and the others depend on it.
         order.sort_by(|&a, &b| slipped[b].total_cmp(&slipped[a]));
         let mut background = windows::background(self.simulator, self.recordings, &self.windows, &frictions)?;
-        let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
+        let half = self.half();
         for round in 0..ROUNDS {
             // Only the last round needs all.
             let windows = if round + 1 < ROUNDS { &half } else { &self.windows };
