@@ -125,16 +125,15 @@ pub fn run(workspace: &Workspace, tune: &Tune) -> Result<bool> {
     Ok(true)
 }
 
-/// A policy to begin with.
+/// A policy to begin with: the default training.
 fn train(workspace: &Workspace, tune: &Tune, ground: &str) -> Result<PathBuf> {
     let qv = programs::qv(workspace)?;
     let out = contest::folder(workspace)?.join(format!("tune_{ground}"));
-    let settings = out.with_extension("toml");
-    // The policy to begin with keeps its mean velocity, so that what is measured afterwards is the robot.
-    fs::write(&settings, "[task.reward]\nsteady = 1.5\n").with_context(|| format!("writing {}", settings.display()))?;
     let mut command = Command::new(qv);
-    command.args(["walk", "train", "--iterations", if tune.quick { "600" } else { "1800" }, "--terrain", ground]);
-    command.arg("--settings").arg(settings);
+    command.args(["walk", "train", "--terrain", ground]);
+    if tune.quick {
+        command.args(["--iterations", "600"]);
+    }
     if let Some(robot) = &tune.robot {
         command.arg("--robot").arg(robot);
     }

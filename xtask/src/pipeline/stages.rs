@@ -149,7 +149,7 @@ impl Stage {
             "contact recording/tiles/run.mcap recording/gravel/run.mcap --terrain mesh/terrain.glb --params diagnose/calibrated.toml --out again --json",
         )];
         const WALK: [Call; 1] = [qv("walk train --iterations 900 --out walk")];
-        const WALK_SMALL: [Call; 1] = [qv("walk train --iterations 300 --out walk")];
+        const WALK_SMALL: [Call; 1] = [qv("walk train --iterations 600 --out walk")];
         // Short walks: the yard is 6 m wide, and has a wall.
         const RECORD: [Call; 1] = [qv(
             "walk record walk/policy.onnx --terrain yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 10 --out record/walks",
