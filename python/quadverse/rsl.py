@@ -57,17 +57,17 @@ def settings(**changes):
     learner = {
         "class_name": "PPO",
         "num_learning_epochs": 4,
-        "num_mini_batches": 4,
+        "num_mini_batches": 8,
         "clip_param": 0.2,
         "gamma": 0.99,
         "lam": 0.95,
-        "entropy_coef": 0.005,
+        "entropy_coef": 0.002,
         "value_loss_coef": 1.0,
         "use_clipped_value_loss": True,
         "learning_rate": 1e-3,
         "max_grad_norm": 1.0,
         "schedule": "adaptive",
-        "desired_kl": 0.01,
+        "desired_kl": 0.02,
     }
     return {
         "num_steps_per_env": 24,

@@ -12,7 +12,7 @@ from quadverse import VelocityEnv
 def test_spaces_steps_and_resets():
     env = VelocityEnv(8, seed=3)
     observations, info = env.reset(seed=3)
-    assert observations.shape == (8, 45) and env.observation_space.contains(observations) and info == {}
+    assert observations.shape == (8, 47) and env.observation_space.contains(observations) and info == {}
     random, ended = np.random.default_rng(1), 0
     for _ in range(120):
         actions = random.normal(0, 4, env.action_space.shape).astype(np.float32)

@@ -13,7 +13,7 @@ from quadverse.rsl import VelocityVecEnv, settings  # noqa: E402
 def test_shapes_and_resets():
     env = VelocityVecEnv(8, seed=2)
     seen = env.get_observations()
-    assert seen["policy"].shape == (8, 45) and seen["privileged"].shape[1] > 45
+    assert seen["policy"].shape == (8, 47) and seen["privileged"].shape[1] > 47
     ended = 0
     for _ in range(120):
         seen, rewards, dones, extras = env.step(4 * torch.randn(8, env.num_actions))
