@@ -54,14 +54,18 @@ impl Default for TrainSettings {
 const REMOVED: [&str; 6] = ["air", "air_last", "air_epochs", "air_least", "air_most", "least"];
 
 impl TrainSettings {
-    /// Reads a `settings.toml`; keys that earlier versions had are left out and named.
+    /// Reads a `settings.toml`; keys that earlier versions had are left out and named. A whole file of a version without a clock has none.
     ///
     /// # Errors
     /// When the text is no such file; a key that is unknown is named with those that are known.
     pub fn parse(text: &str) -> Result<(Self, Vec<&'static str>), PolicyError> {
         let wrong = |e: toml::de::Error| PolicyError::Text { what: "settings".into(), reason: e.to_string() };
         let mut table: toml::Table = toml::from_str(text).map_err(wrong)?;
-        let task = table.get_mut("task").and_then(toml::Value::as_table_mut);
+        let mut task = table.get_mut("task").and_then(toml::Value::as_table_mut);
+        // A whole file names every setting, so one without a clock was written before there was one.
+        if let Some(task) = task.as_mut().filter(|task| task.contains_key("rate") && !task.contains_key("clock")) {
+            task.insert("clock".into(), 0.0.into());
+        }
         let reward = task.and_then(|task| task.get_mut("reward")).and_then(toml::Value::as_table_mut);
         let removed = reward.map_or_else(Vec::new, |reward| {
             REMOVED.into_iter().filter(|key| reward.remove(*key).is_some()).collect::<Vec<_>>()

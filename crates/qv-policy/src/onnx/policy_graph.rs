@@ -38,8 +38,8 @@ impl<'a> Dense<'a> {
 
 /// A policy: `clip(output_offset + output_scale · mlp((x - offset) · scale), lower, upper)`, element by element.
 ///
-/// The contract of a `policy.onnx` of this project: input `observation`, f32, shape `[n, 45]`; output `targets`, f32,
-/// shape `[n, 12]`, joint angles \[rad\].
+/// The contract of a `policy.onnx` of this project: input `observation`, f32, shape `[n, inputs]`, for the Go2 47 numbers (45 without a clock);
+/// output `targets`, f32, shape `[n, joints]`, joint angles \[rad\].
 #[derive(Debug, Clone, Copy)]
 pub struct PolicyGraph<'a> {
     /// Name of the input.

@@ -3,7 +3,7 @@
 use crate::PolicyError;
 use serde::{Deserialize, Serialize};
 
-/// Hyper-parameters. Where no source is named, the value is the one that rsl_rl's configurations of quadrupeds share.
+/// Hyper-parameters. Steps, epochs, clip, discounts, value, rate, gradient and std are those that rsl_rl's configurations of quadrupeds share.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PpoSettings {
@@ -11,7 +11,7 @@ pub struct PpoSettings {
     pub steps: usize,
     /// Passes over the samples of an iteration.
     pub epochs: usize,
-    /// Minibatches of a pass.
+    /// Minibatches of a pass. Eight for rsl_rl's four: mirror images double the samples (docs/experiments/2026-11-30-gait-clock.md).
     pub minibatches: usize,
     /// How far the ratio of probabilities may leave one before the objective is flat.
     pub clip: f32,
@@ -19,7 +19,7 @@ pub struct PpoSettings {
     pub gamma: f32,
     /// Share of a longer look ahead in the advantage (GAE's lambda).
     pub lambda: f32,
-    /// Weight of the entropy.
+    /// Weight of the entropy. A fifth of rsl_rl's 0.01, which keeps exploring where landings must be soft.
     pub entropy: f32,
     /// Weight of the value's squared error.
     pub value: f32,
@@ -27,7 +27,7 @@ pub struct PpoSettings {
     pub rate: f32,
     /// Least and greatest learning rate.
     pub rate_range: [f32; 2],
-    /// Divergence per update that the learning rate is steered to; 0 keeps the rate.
+    /// Divergence per update that the learning rate is steered to, twice rsl_rl's; 0 keeps the rate.
     pub divergence: f32,
     /// Longest gradient.
     pub gradient: f32,

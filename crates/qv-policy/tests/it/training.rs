@@ -195,6 +195,17 @@ fn settings_of_an_earlier_version_are_read_and_unknown_ones_named() {
 }
 
 #[test]
+fn whole_settings_of_an_earlier_version_have_no_clock() {
+    let mut table = toml::Table::try_from(TrainSettings::default()).unwrap();
+    let task = table.get_mut("task").and_then(toml::Value::as_table_mut).unwrap();
+    assert!(task.remove("clock").is_some());
+    let clock = |table: &toml::Table| TrainSettings::parse(&table.to_string()).unwrap().0.task.clock;
+    assert_eq!(clock(&table), 0.0);
+    // A file of a few settings is of today.
+    assert_eq!(clock(&toml::from_str("[task.reward]\nstill = 1.5\n").unwrap()), TaskSettings::default().clock);
+}
+
+#[test]
 fn a_robot_whose_model_is_an_mjcf_takes_its_place() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/mjcf");
     let text = "urdf = \"biped.xml\"\nlegs = [\"a\", \"b\"]\njoints = [\"roll\", \"pitch\", \"knee\"]\n\

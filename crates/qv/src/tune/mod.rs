@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = crate::usage::help_text!(
     "Examples:\n\
-     \x20 qv walk train --iterations 1800 --out out/walk\n\
+     \x20 qv walk train --out out/walk\n\
      \x20 qv walk record out/walk/policy.onnx --out out/log      # a simulated robot with hidden effects; use your own recordings\n\
      \x20 qv tune out/log --policy out/walk/policy.onnx --out out/tuned\n\
      \n\
