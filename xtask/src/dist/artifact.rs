@@ -11,13 +11,13 @@ pub enum Artifact {
     /// Wheel for x86-64, glibc 2.17
     #[value(name = "x86_64-wheel")]
     X86Wheel,
-    /// Static program for x86-64
+    /// Static program for x86-64, in an archive
     #[value(name = "x86_64-static")]
     X86Static,
     /// Wheel for aarch64, glibc 2.17
     #[value(name = "aarch64-wheel")]
     ArmWheel,
-    /// Static program for aarch64
+    /// Static program for aarch64, in an archive
     #[value(name = "aarch64-static")]
     ArmStatic,
 }
@@ -55,12 +55,20 @@ impl Artifact {
         format!("{}-unknown-linux-{library}", self.processor())
     }
 
-    /// Where a static program lies.
+    /// Folder within the archive of a static program, and the archive's name without its ending.
     ///
     /// # Errors
     /// The workspace states no version.
-    pub fn program(self, workspace: &Workspace, folder: &Path) -> Result<PathBuf> {
-        Ok(folder.join(format!("qv-{}-linux-{}", workspace.version()?, self.processor())))
+    pub fn stem(self, workspace: &Workspace) -> Result<String> {
+        Ok(format!("qv-{}-linux-{}", workspace.version()?, self.processor()))
+    }
+
+    /// Where the archive of a static program lies.
+    ///
+    /// # Errors
+    /// The workspace states no version.
+    pub fn archive(self, workspace: &Workspace, folder: &Path) -> Result<PathBuf> {
+        Ok(folder.join(format!("{}.tar.gz", self.stem(workspace)?)))
     }
 
     /// The file that was built before, if it was.
@@ -69,7 +77,7 @@ impl Artifact {
     /// The folder cannot be read.
     pub fn file(self, workspace: &Workspace, folder: &Path) -> Result<Option<PathBuf>> {
         if !self.is_wheel() {
-            return Ok(Some(self.program(workspace, folder)?).filter(|path| path.is_file()));
+            return Ok(Some(self.archive(workspace, folder)?).filter(|path| path.is_file()));
         }
         let start = format!("quadverse-{}-", workspace.version()?);
         let end = format!("_{}.whl", self.processor());

@@ -27,11 +27,7 @@ pub fn build(workspace: &Workspace, folder: &Path, artifact: Artifact) -> Result
         wheel::lay_program(workspace, &program)?;
         return wheel(workspace, &python, folder, artifact);
     }
-    let file = artifact.program(workspace, folder)?;
-    let beside = file.with_extension("part");
-    fs::copy(&program, &beside).with_context(|| format!("copying {}", program.display()))?;
-    fs::rename(&beside, &file).with_context(|| format!("writing {}", file.display()))?;
-    Ok(file)
+    archive(workspace, &program, folder, artifact)
 }
 
 /// Whether rustc has the standard library of a target.
@@ -74,6 +70,29 @@ fn wheel(workspace: &Workspace, python: &Path, folder: &Path, artifact: Artifact
     let file = folder.join(made.file_name().context("a wheel has a name")?);
     fs::rename(&made, &file).with_context(|| format!("writing {}", file.display()))?;
     fs::remove_dir(&packed).with_context(|| format!("removing {}", packed.display()))?;
+    Ok(file)
+}
+
+/// Packs a static program with its licences, without times and owners, so that the same program gives the same bytes.
+fn archive(workspace: &Workspace, program: &Path, folder: &Path, artifact: Artifact) -> Result<PathBuf> {
+    let (staged, stem) = (folder.join(artifact.name()), artifact.stem(workspace)?);
+    if staged.exists() {
+        fs::remove_dir_all(&staged).with_context(|| format!("removing {}", staged.display()))?;
+    }
+    let inside = staged.join(&stem);
+    fs::create_dir_all(&inside).with_context(|| format!("making {}", inside.display()))?;
+    let licence = |name: &str| (workspace.workspace_root.join(name), inside.join(name));
+    for (from, to) in [(program.to_path_buf(), inside.join("qv")), licence("LICENSE-MIT"), licence("LICENSE-APACHE")] {
+        fs::copy(&from, &to).with_context(|| format!("copying {}", from.display()))?;
+    }
+    let file = artifact.archive(workspace, folder)?;
+    let beside = file.with_extension("part");
+    let mut tar = Command::new("tar");
+    tar.args(["--create", "--sort=name", "--owner=0", "--group=0", "--numeric-owner", "--mtime=@0"]);
+    tar.args(["--use-compress-program", "gzip -n -9", "--file"]).arg(&beside);
+    process::run(tar.arg("--directory").arg(&staged).arg(&stem))?;
+    fs::rename(&beside, &file).with_context(|| format!("writing {}", file.display()))?;
+    fs::remove_dir_all(&staged).with_context(|| format!("removing {}", staged.display()))?;
     Ok(file)
 }
 

@@ -75,7 +75,9 @@ fn check(workspace: &Workspace, folder: &Path, artifact: Artifact) -> Result<Ver
         install(workspace, &file, &place, artifact)?;
         format!("{PLACE}/bin/qv")
     } else {
-        fs::copy(&file, place.join("qv")).with_context(|| format!("copying {}", file.display()))?;
+        let mut tar = Command::new("tar");
+        tar.args(["--extract", "--strip-components=1", "--file"]).arg(&file);
+        process::run(tar.arg("--directory").arg(&place))?;
         format!("{PLACE}/qv")
     };
     if let Some(reason) = run_program(&system, &program)? {
