@@ -275,7 +275,8 @@ impl Training {
         if sizes.iter().all(|&size| size == expected) {
             return Ok(());
         }
-        let (expected, found) = (format!("networks of {expected} numbers"), format!("{sizes:?}"));
+        let expected = format!("networks of {expected} numbers (`clock` = {})", self.settings.task.clock);
+        let found = format!("{sizes:?} (`clock` = {})", kept.settings.task.clock);
         Err(PolicyError::Mismatch(Mismatch::new("checkpoint", expected, found)))
     }
 

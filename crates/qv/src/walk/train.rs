@@ -26,6 +26,10 @@ const MEASURED: &str = "unfinished.json";
 /// Time from one checkpoint to the next.
 const SAVE_EVERY: Duration = Duration::from_secs(30);
 
+/// Without a clock nothing but the last epochs breaks the tie between left and right.
+const SYMMETRIC_TO_THE_END: &str = "the policy has no clock and is trained with mirror images to the end: it may be unable to start from a stand; \
+     set `symmetry_epochs` below [ppo] so that the last 200 iterations go without (7 of 9 epochs)";
+
 #[derive(clap::Args)]
 pub struct Train {
     /// Set the robot: go2, go1, a1, a2, anymal_c, or a URDF, MJCF or TOML file
@@ -112,8 +116,15 @@ impl Train {
             None => settings,
         };
         check_stand(&robot)?;
-        if let Some(reason) = robot.mirror().err().filter(|_| settings.ppo.symmetry_epochs > 0) {
-            remark(&format!("mirror images are off: {reason}"));
+        match robot.mirror() {
+            Err(reason) if settings.ppo.symmetry_epochs > 0 => remark(&format!("mirror images are off: {reason}")),
+            Ok(_)
+                if settings.task.clock == 0.0
+                    && settings.ppo.symmetry_epochs.saturating_mul(settings.epoch) >= self.iterations() =>
+            {
+                remark(SYMMETRIC_TO_THE_END);
+            }
+            _ => {}
         }
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
