@@ -131,10 +131,11 @@ impl Loop<'_, '_> {
         mut scored: ScoredWalks,
     ) -> Result<Outcome, ResidualError> {
         let Inputs { robot, train_on: ground, start, settings, .. } = *self.inputs;
-        report.why = format!(
-            "No correction brings the simulator nearer to these recordings by more than {} standard errors: the policy is as it was.",
+        let nothing = format!(
+            "No correction brings the simulator nearer to these recordings by more than {} standard errors",
             settings.errors
         );
+        report.why = format!("{nothing}: the policy is as it was.");
         let nominal = CorrectedSimulator::nominal();
         let calibrated = with_calibrated_commands(&policy, robot, ground, start, &nominal, &settings.tune)?;
         let Some(calibrated) = calibrated else { return Ok(Outcome { policy, report }) };
@@ -146,9 +147,8 @@ impl Loop<'_, '_> {
         }
         (report.chosen, report.after) = (Some(0), after);
         report.why = format!(
-            "No correction brings the simulator nearer to these recordings by more than {} standard errors. The policy's commands were calibrated. \
-             Path-tracking error in the simulator (8 s): {:.3} -> {:.3} m.",
-            settings.errors, report.before.position, after.position
+            "{nothing}. The policy's commands were calibrated. Path-tracking error in the simulator (8 s): {:.3} -> {:.3} m.",
+            report.before.position, after.position
         );
         report.paths = scored.pairs(&policy, &calibrated)?;
         Ok(Outcome { policy: calibrated, report })
